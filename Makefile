@@ -106,7 +106,7 @@ lock: .venv/.dev ## Resolve the versions that set-up installs
 EXTRAS := --extra bridge --extra dashboard --extra lab --extra ros
 LOCK := --universal --generate-hashes --no-emit-index-url --python-version 3.11 --custom-compile-command "make lock"
 
-browser: ## Install Chromium, nginx and systemd, for the tests, when there are none
+browser: ## Install Chromium, nginx, systemd and an RTSP server, for the tests, when there are none
 	@scripts/ensure_chromium
 	@scripts/ensure_servers
 

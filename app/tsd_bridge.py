@@ -25,7 +25,8 @@ with program.requires("tsd-bridge", "bridge"):
     from tsd_twin.hardware.dynamixel_wheels import DynamixelWheelsIO
     from tsd_twin.hardware.joints import ServoCalibration
     from tsd_twin.hardware.receiver_setup import set_up_receiver
-    from tsd_twin.hardware.serial_transport import HardwareError, serial_ports
+    from tsd_twin.hardware.serial_ports import serial_ports
+    from tsd_twin.hardware.serial_transport import HardwareError
     from tsd_twin.hardware.u2d2 import U2D2IO
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from tsd_twin.security.router_rules import RobotRights, rights_of_flags, show_ro
 
 with program.requires("tsd-certs", "tls"):
     from tsd_twin.security.authority_server import AuthorityServer, Request, boot_time_s
-    from tsd_twin.security.certificates import KeyFolder, PublicKey, provision
+    from tsd_twin.security.certificates import PublicKey
     from tsd_twin.security.enrolment import (
         JOIN_PATH,
         PORT,
@@ -28,6 +28,7 @@ with program.requires("tsd-certs", "tls"):
         Enrolments,
         Joined,
     )
+    from tsd_twin.security.key_folder import KeyFolder, provision
     from tsd_twin.security.operator_keys import provision_operators
     from tsd_twin.security.operator_list import OPERATORS
     from tsd_twin.security.renewal import PORT as RENEWAL_PORT

@@ -10,13 +10,13 @@ from pathlib import Path
 
 from tsd_twin.bus import DEFAULT_ENDPOINT
 from tsd_twin.cli import flags, program
+from tsd_twin.cli.malloc import tune_malloc
 from tsd_twin.errors import TwinError
 from tsd_twin.messages import topics
 from tsd_twin.security import Role
 
 with program.requires("tsd-dashboard", "dashboard"):
     from tsd_twin.dashboard import app
-    from tsd_twin.dashboard.app import tune_malloc
     from tsd_twin.dashboard.gateway.auth import AccessSettings
     from tsd_twin.dashboard.gateway.connection_limits import allow_many_files
     from tsd_twin.dashboard.sessions.principal import DEFAULT_IDENTITY

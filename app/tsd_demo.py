@@ -21,7 +21,7 @@ from typing import IO
 
 from tsd_twin import robots
 from tsd_twin.bus import over_datagrams
-from tsd_twin.cli import flags, program
+from tsd_twin.cli import flags, program, robot_flags
 from tsd_twin.errors import TwinError, check_extra
 from tsd_twin.lie import SE2
 from tsd_twin.link_emulation import LinkSpec
@@ -81,7 +81,7 @@ def demonstrate(args: argparse.Namespace) -> None:
         # The first robot routes for the others, so that all share one bus.
         doors = [["--listen", listening], *([*ALONE, "--connect", listening] for _ in chosen[1:])]
         robots_ready = [
-            running.enter_context(start_program([*role, *door, *robot_flags(args)], stop))
+            running.enter_context(start_program([*role, *door, *flags_of_robots(args)], stop))
             for role, door in zip(chosen, doors, strict=True)
         ]
         dashboard = ["tsd_dashboard", "--port", str(page_port), *dashboard_flags(args, folder)]
@@ -108,7 +108,7 @@ def demonstrate(args: argparse.Namespace) -> None:
         stop.wait()
 
 
-def robot_flags(args: argparse.Namespace) -> list[str]:
+def flags_of_robots(args: argparse.Namespace) -> list[str]:
     """Return the flags of every robot."""
     scales = ["--noise", str(args.noise), "--errors", str(args.errors)]
     return [*scales, "--plant", args.plant, *["--verbose"] * args.verbose]
@@ -294,17 +294,17 @@ def free_port(chosen: int | None, usual: int, kind: socket.SocketKind = socket.S
 
 def main() -> None:
     """Parse the flags and run."""
-    program.add_robot_flags(PARSER, several=True)
+    robot_flags.add_robot_flags(PARSER, several=True)
     flags.add(PARSER, "--port", f"of the page; default {PAGE_PORT}, or any free one", flags.PORT)
     program.add_viewport_flags(PARSER)
     flags.add(PARSER, "--bus-port", f"of the bus; default {BUS_PORT}, or any free one", flags.PORT)
     flags.add(PARSER, "--noise", "times [noise]", flags.SCALE, 0.0)
-    program.add_errors_flag(PARSER)
+    robot_flags.add_errors_flag(PARSER)
     text = "a camera above the floor tells robots where they are: 24 frames/s, 80 ms late"
     PARSER.add_argument("--camera", action="store_true", help=text)
     text = "a simulated webcam above the floor publishes pictures, and poses from printed tags"
     PARSER.add_argument("--webcam", action="store_true", help=f"{text}; needs the extra `camera`")
-    program.add_plant_flag(PARSER)
+    robot_flags.add_plant_flag(PARSER)
     PARSER.add_argument("--link", metavar="SPEC", help="put a bad link between them")
     program.add_recordings_flags(PARSER, "--record-dir")
     PARSER.add_argument("--no-record", action="store_true", help="do not record")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from tsd_twin.cli import program
 
 with program.requires("tsd-lab", "lab"):
-    from tsd_twin.calibration import calibrate, zeroing
+    from tsd_twin.calibration import calibrate, turning, zeroing
     from tsd_twin.cli.experiment import Experiment, Output
     from tsd_twin.cli.experiments import run_experiments
     from tsd_twin.lab import health, motors, papers, remote, rerun, square, tracking
@@ -18,6 +18,7 @@ EXPERIMENTS: tuple[Experiment, ...] = (
     health.EXPERIMENT,
     calibrate.EXPERIMENT,
     zeroing.EXPERIMENT,
+    turning.EXPERIMENT,
     papers.OMNI_STEP,
     tracking.OMNI_PATHS,
     papers.ATLAS,

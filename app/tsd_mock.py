@@ -12,7 +12,7 @@ import numpy as np
 
 from tsd_twin import robots
 from tsd_twin.bus import Bus
-from tsd_twin.cli import flags, node_program, program
+from tsd_twin.cli import flags, node_program, program, robot_flags
 from tsd_twin.cli.node_program import Companion
 from tsd_twin.errors import TwinError
 from tsd_twin.hardware.robot_io import RobotIO
@@ -55,10 +55,8 @@ class OverheadCamera:
     It uses only the bus, like the computer of a real camera. Use it as a context manager.
     """
 
-    def __init__(
-        self, bus: Bus, robot_id: str, seed: int | None = 0, noise: CameraNoise | None = None
-    ) -> None:
-        self._camera = Camera(noise or CameraNoise(), np.random.default_rng(seed))
+    def __init__(self, bus: Bus, robot_id: str, seed: int | None = 0) -> None:
+        self._camera = Camera(CameraNoise(), np.random.default_rng(seed))
         self._truths = bus.subscriber(topics.TRUTH.key(robot_id), 8)
         topic = topics.SENSOR_POSE
         self._poses = bus.publisher(topic.key(robot_id), topic.qos, topic.type)
@@ -144,7 +142,7 @@ def main() -> None:
     """Parse the flags and run."""
     flags.add(PARSER, "--seed", "of the noise", flags.SEED, 0)
     flags.add(PARSER, "--noise", "times [noise]", flags.SCALE, 0.0, "SCALE")
-    program.add_errors_flag(PARSER)
+    robot_flags.add_errors_flag(PARSER)
     text = "description of the simulated machine, if the controller has another: a calibrated one"
     flags.add(PARSER, "--machine", text, metavar="FILE")
     text = "where it stands at the start, m and degrees; default 0,0,0"
@@ -163,7 +161,7 @@ def main() -> None:
         "with their configurations"
     )
     flags.add(PARSER, "--count", text, flags.whole(1, MOST_ROBOTS), 1, metavar="N")
-    program.add_plant_flag(PARSER)
+    robot_flags.add_plant_flag(PARSER)
     node_program.serve(PARSER, joints, pose_at, companion)
 
 

@@ -23,6 +23,7 @@ PARTS: tuple[str, ...] = (
     "ros_age",
     "instances",
     "files",
+    "router",
 )
 
 

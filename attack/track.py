@@ -14,8 +14,8 @@ from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import decode_odometry
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.status import RobotStatus, decode_stamp, decode_status
+from tsd_twin.messages.topics import Sample
 
 AT_REST_MPS = 1e-3
 PATIENCE_S = 20.0

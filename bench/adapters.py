@@ -28,7 +28,7 @@ def adapter_rows(
 ) -> Iterator[Row]:
     """Measure programs with the functions that publish a `cmd_vel` to them.
 
-    `buses` are those of the simulated robot and of the bare loop that they drive.
+    `buses`: the simulated robot's and the bare loop's that they drive.
     """
     count = int(run.pick(40, 10))
     ours, theirs = watch_setpoint(buses[0]), threading.Event()

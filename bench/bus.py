@@ -16,11 +16,12 @@ from bench import peers
 from bench.programs import mock, peer, until
 from bench.table import Row, Run, quantiles
 from tsd_twin.bus import Bus, client_config
+from tsd_twin.client import RobotClient
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import BASE, TwistStamped, decode_joints, encode_twist
-from tsd_twin.messages.commands import Sample, encode_attachment
+from tsd_twin.messages.commands import encode_attachment
 from tsd_twin.messages.status import decode_stamp
-from tsd_twin.messages.topics import QoS, Service
+from tsd_twin.messages.topics import QoS, Sample, Service
 
 _PERIOD_S = 0.02
 _GOLDEN = 0.618034
@@ -37,7 +38,7 @@ def rows(run: Run) -> Iterator[Row]:
         echo, operator = bare_echo(bare), Operator(robot)
         subjects: dict[str, Latencies] = {
             "put": lambda: operator.latencies_ms(count),
-            "client": lambda: quantiles(client_commands(robot, endpoint, count)),
+            "client": lambda: quantiles(client_commands(robot, tsd_twin.connect(endpoint), count)),
         }
         for name, subject in subjects.items():
             names = [f"bus.{name}_p50", f"bus.{name}_p90"]
@@ -110,14 +111,14 @@ class Operator:
         self._mode = json.loads(sample.payload)["mode"]
 
 
-def client_commands(bus: Bus, endpoint: str, count: int) -> list[float]:
+def client_commands(bus: Bus, connected: RobotClient, count: int) -> list[float]:
     """Return times from the client's `set_velocity` to the resulting setpoint, at 50 Hz."""
-    came = watch_setpoint(bus)
-    with tsd_twin.connect(endpoint) as robot, robot.control("bench") as base:
+    came = watch_setpoint(bus, connected.id)
+    with connected as robot, robot.control() as base:
         return paced_speeds(lambda vx_mps: base.set_velocity(vx_mps=vx_mps), came, count)
 
 
-def watch_setpoint(bus: Bus) -> threading.Event:
+def watch_setpoint(bus: Bus, robot_id: str = "tsd") -> threading.Event:
     """Return an event that is set when the setpoint changes; each command changes the speed."""
     came = threading.Event()
     last = [0.0]
@@ -128,7 +129,7 @@ def watch_setpoint(bus: Bus) -> threading.Event:
             last[0] = beta
             came.set()
 
-    bus.subscribe(topics.SETPOINT.key("tsd"), on_setpoint)
+    bus.subscribe(topics.SETPOINT.key(robot_id), on_setpoint)
     return came
 
 

@@ -1,13 +1,16 @@
-"""Dashboard with one and with twenty viewers, compared with a plain viser server."""
+"""Dashboard with viewers, compared with a plain viser server; and a fleet, with one robot."""
 
 from __future__ import annotations
 
 import json
 import multiprocessing as mp
+import secrets
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from functools import partial
 from multiprocessing.connection import Connection
 from typing import cast
@@ -17,16 +20,22 @@ import numpy as np
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
+from bench.bus import paced_speeds, watch_setpoint
 from bench.programs import Load, dashboard, mock, peer, program
-from bench.table import Row, Run, quantiles
+from bench.table import Row, Run, percentile, quantiles
+from tests.support.page_client import Page
 from tests.support.robot_feed import RobotFeed
 from tests.support.viser_client import CAMERA, decoded
+from tsd_twin.bus import Bus, client_config
 from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.scene import Scene
 
 _STEP_M = 0.01
 _ROUNDS = 3
+_FLEET = 20
+_CORE_MS, _SCENE_KB_S, _ADDED_MS = 1000.0, 400.0, 5.0
+"""Limits with this many robots and viewers; the last one in excess of a single robot."""
 PROTOCOL = Subprotocol("viser-v1.1.1")
 
 
@@ -58,6 +67,7 @@ def rows(run: Run) -> Iterator[Row]:
                 )
     if run.wants("dashboard.delay_p50", "dashboard.delay_p90"):
         yield from delays(run)
+    yield from fleet(run)
 
 
 def driven(viewers: int, seconds: float) -> tuple[float, dict[str, float]]:
@@ -81,6 +91,58 @@ def watched(
     if not line:
         raise RuntimeError(f"{viewers} viewers did not see the robot drive")
     return load.ms_per_s, json.loads(line)
+
+
+def fleet(run: Run) -> Iterator[Row]:
+    """Drive five of twenty robots, each shown to a viewer; the peer is a single robot."""
+    count = int(run.pick(_FLEET, 3))
+    commands, seconds = int(run.pick(300, 20)), run.pick(6.0, 0.6)
+    frames: list[float] = []
+
+    def measure(robots: int) -> tuple[float, float, float]:
+        names = ("--id", "lab", "--count", str(robots)) if robots > 1 else ("--id", "lab1")
+        with mock(*names) as endpoint:
+            served = dashboard(endpoint)
+            with served as url, ThreadPoolExecutor(1) as pool, stick(url, endpoint) as delays_ms:
+                watching = pool.submit(watched, served, url, robots, seconds, "fleet")
+                p99_ms = percentile(delays_ms(commands), 0.99)
+                load, received = watching.result()
+                frames.append(received["frames_hz"])
+                return load, received["scene_kB_s"], p99_ms
+
+    yield from run.alternate(
+        ["dashboard.fleet_cpu", "dashboard.fleet_bytes", "dashboard.fleet_delay"],
+        lambda: measure(count),
+        lambda: (_CORE_MS, _SCENE_KB_S, measure(1)[2] + _ADDED_MS),
+        rounds=_ROUNDS,
+        note=lambda: f"{min(frames[::2]):.0f} frames a second, {min(frames[1::2]):.0f} with one",
+    )
+
+
+@contextmanager
+def stick(url: str, endpoint: str) -> Generator[Callable[[int], list[float]]]:
+    """Take control of lab1 on a page; yield a function that returns delays to the setpoint, ms."""
+    with Bus(client_config([endpoint])) as bus:
+        came = watch_setpoint(bus, "lab1")
+        answered = [0]
+        page = Page(int(url.rstrip("/").rpartition(":")[2]), secrets.token_hex(8))
+
+        def push(vx_mps: float) -> None:
+            if len(page.all("released")) > answered[0]:  # After a stall the stick springs back.
+                answered[0] = len(page.all("released"))
+                page.send(t="release")
+            state = page.state["status_seq"]
+            page.send(t="drive", vx=vx_mps, vy=0.0, omega=0.0, status_seq=state)
+
+        try:
+            page.until(lambda: any(each["id"] == "lab1" for each in page.last("welcome")["robots"]))
+            page.send(t="robot", id="lab1")
+            page.until(lambda: page.last("robot")["id"] == "lab1")
+            page.make_ready()
+            yield partial(paced_speeds, push, came)
+            page.let_go()
+        finally:
+            page.close()
 
 
 def delays(run: Run) -> Iterator[Row]:

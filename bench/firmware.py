@@ -14,7 +14,7 @@ _BYTE_CYCLES, _ROOM_CYCLES, _STACK = 160, 320, 600
 
 
 def rows(run: Run) -> Iterator[Row]:
-    """Measure driving at 100 Hz with six servos; cycles and stack are those of the board."""
+    """Measure driving at 100 Hz with six servos; cycles and stack are measured on the board."""
     cycles = round(run.pick(5.0, 1.0) / CYCLE_S)
     bench = Bench(build())
     pilot = bench.pilot(receiver=True).get_ready()

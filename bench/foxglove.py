@@ -80,7 +80,7 @@ def _subscribe_to_all(socket: Connection, *, until_service: bool) -> int:
 
 
 _BARE_CHANNELS = 5
-"""Channels of the bare forwarder, one for each state of the robot."""
+"""Channels of the bare forwarder, one per state topic of the robot."""
 
 
 def _read(socket: Connection) -> None:

@@ -1,4 +1,4 @@
-"""CPU load of an idle node and of a dashboard without viewers, compared with bare loops."""
+"""CPU load of idle nodes and of a dashboard without viewers, compared with bare loops."""
 
 from __future__ import annotations
 
@@ -10,12 +10,15 @@ from bench.programs import dashboard, mock, peer
 from bench.table import Row, Run
 
 _SETTLE_S = 2.0
+_FLEET_MS = 400.0
+_LOGGED_S = 12.0
+"""Nodes keep the inputs of their first 10 s for a recorder."""
 _ROUNDS = 11
 """Many short rounds, because the cost of a wake-up depends on what else runs."""
 
 
 def rows(run: Run) -> Iterator[Row]:
-    """Measure a disarmed robot whose topics are all read, then a dashboard without a page."""
+    """Measure a disarmed robot that is read, a dashboard without a page, and a fleet."""
     seconds = run.pick(1.0, 0.3)
     node, bare = mock(), peer("node")
     with ExitStack() as stack:
@@ -39,4 +42,11 @@ def rows(run: Run) -> Iterator[Row]:
                 lambda: [page.load(seconds)],
                 lambda: [reader.load(seconds)],
                 rounds=_ROUNDS,
+            )
+    if run.wants("idle.fleet"):
+        robots = mock("--id", "lab", "--count", "20")
+        with robots as endpoint, dashboard(endpoint):
+            time.sleep(run.pick(_LOGGED_S, 1.0))
+            yield from run.alternate(
+                ["idle.fleet"], lambda: [robots.load(seconds)], lambda: [_FLEET_MS], rounds=_ROUNDS
             )

@@ -14,8 +14,8 @@ from bench.table import Row, Run, quantiles
 from tests.support.browser import FLAGS, PATIENCE_MS, executable
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.status import decode_stamp
+from tsd_twin.messages.topics import Sample
 
 _SETTLED_MS = 1500.0
 _SIZE: ViewportSize = {"width": 1280, "height": 720}

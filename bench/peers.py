@@ -24,7 +24,7 @@ import zenoh
 from viser import ViserServer
 
 from tsd_twin import robots
-from tsd_twin.bus import client_config, node_config
+from tsd_twin.bus import client_config, dialling_config, node_config
 from tsd_twin.simulation import SimRobot
 
 PERIOD_S = 0.01
@@ -57,9 +57,19 @@ def loop(tick: Callable[[int], None], period_s: float = PERIOD_S) -> None:
     threading.Thread(target=run, daemon=True).start()
 
 
-def node() -> None:
-    """Read and write the simulated joints at 100 Hz, put as many bytes as a robot, and echo."""
-    session, io = zenoh.open(node_config(["tcp/127.0.0.1:0"]).parsed()), _Joints()
+def router() -> None:
+    """Pass messages without TLS and rules."""
+    session = zenoh.open(node_config(["tcp/127.0.0.1:0"]).parsed())
+    ready(_endpoint(session))
+
+
+def node(endpoint: str = "") -> None:
+    """Read and write the simulated joints at 100 Hz, put as many bytes as a robot, and echo.
+
+    With the endpoint of a router, dial it.
+    """
+    config = dialling_config([endpoint]) if endpoint else node_config(["tcp/127.0.0.1:0"])
+    session, io = zenoh.open(config.parsed()), _Joints()
     publishers = [(session.declare_publisher(f"twin/bare/state/{name}"), bytes(size), every)
                   for name, size, every in STATES]  # fmt: skip
     echo: Any = session.declare_publisher(SETPOINT, **_URGENT)
@@ -78,7 +88,7 @@ def node() -> None:
                 publisher.put(payload, attachment=bytes(16))
 
     loop(tick)
-    ready(_endpoint(session))
+    ready(endpoint or _endpoint(session))
 
 
 class _Joints:
@@ -185,7 +195,7 @@ def viser(nodes: str, hz: str) -> None:
 
 
 PEERS: dict[str, Callable[..., None]] = {
-    each.__name__: each for each in (node, subscriber, foxglove, ros, viser)
+    each.__name__: each for each in (router, node, subscriber, foxglove, ros, viser)
 }
 
 if __name__ == "__main__":

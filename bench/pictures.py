@@ -47,6 +47,8 @@ _BITS, _COLUMNS, _BLOCK_PX = 40, 20, 64
 _ACROSS_DEG = 62.0
 _NOISE = 3
 _SETTLED_S = 20.0
+_THIN_ROUNDS = 3
+"""Minutes with pictures, each followed by one without, over the thin link."""
 _CONNECT_S = 10.0
 _PATIENCE_MS = 60_000.0
 
@@ -94,7 +96,7 @@ window.WebSocket = class extends Plain {{
   }}
 }};
 """
-"""Notes the age of each picture in the frame after it, and the round trips of heartbeats."""
+"""Records the age of each picture in the frame after it, and the round trips of heartbeats."""
 BARE = """() => {
   const canvas = document.body.appendChild(document.createElement("canvas"));
   const socket = new WebSocket(location.href.replace("http", "ws"));
@@ -173,7 +175,7 @@ def _thin(run: Run, stack: ExitStack, page: Page, endpoint: str) -> Iterator[Row
         ["pictures.thin_rate", "pictures.thin_old", "pictures.thin_command"],
         with_pictures,
         without,
-        rounds=1,
+        rounds=_THIN_ROUNDS,
         note=lambda: f"{found['px']:.0f} px wide, {THIN}",
     )
 
@@ -198,7 +200,7 @@ def shown(
     is_bare: bool = False,
     is_main: bool = False,
 ) -> None:
-    """Open the page, or the bare one, and note what it shows for `seconds`."""
+    """Open the page, or the bare one, and record the displayed pictures for `seconds`."""
     page.goto(url)
     if is_bare:
         page.evaluate(BARE)
@@ -212,7 +214,7 @@ def shown(
 
 
 class StampedPictures:
-    """Moving noise with as many bytes as a webcam's picture, and the time in black and white."""
+    """Moving noise the size of a webcam picture, with the time encoded in black and white."""
 
     def __init__(self) -> None:
         random = np.random.default_rng(0)

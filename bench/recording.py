@@ -39,7 +39,7 @@ _BEGUN_BYTES = 5000
 _LEG_S = 3.0
 """Duration of each velocity; every fifth is a rest."""
 _BEFORE_RESET_S = 1.0
-"""A robot refuses to reset a stop that has just begun."""
+"""A robot refuses to reset within this time after a stop."""
 
 
 def rows(run: Run) -> Iterator[Row]:
@@ -101,7 +101,7 @@ def beside(run: Run) -> Iterator[Row]:
             time.sleep(0.5)
             with _driven(endpoint), Load(node) as of_node, Load(page) as of_page:
                 time.sleep(seconds)
-            delay_ms = percentile(client_commands(bus, endpoint, count), 0.5)
+            delay_ms = percentile(client_commands(bus, tsd_twin.connect(endpoint), count), 0.5)
             return of_node.ms_per_s, of_page.ms_per_s, delay_ms
 
         def with_one() -> tuple[float, float, float]:

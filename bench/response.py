@@ -1,6 +1,6 @@
-"""First picture of the page, blocks of its main thread, and delay from a hand to a command.
+"""First picture of the page, main-thread blocking, and delay from input to command.
 
-All while viser draws the scene on the processor.
+All while viser renders the scene on the CPU.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ WebSocket.prototype.send = function (data) {
   movedMs = null;
 };
 """
-"""Notes how late a timer is, and the time from each movement of the pointer to its command."""
+"""Records timer delays, and the time from each pointer movement to its command."""
 _BARE = b"""<!doctype html><title>bare page</title>
 <div class="stick" style="width: 150px; height: 150px"></div>
 <script>
@@ -85,7 +85,7 @@ def rows(run: Run) -> Iterator[Row]:
 
 
 def opened(browser: Browser, url: str) -> Page:
-    """Return a new page that takes notes."""
+    """Return a new page that records these."""
     page = browser.new_page(viewport={"width": 1440, "height": 900})
     page.add_init_script(_NOTES)
     page.goto(url)
@@ -98,7 +98,7 @@ def take_control(page: Page) -> None:
     for name in ("Take control", "Arm"):
         page.get_by_role("button", name=name, exact=True).click(timeout=PATIENCE_MS)
     page.get_by_role("status", name="Mode").get_by_text("Ready").wait_for(timeout=PATIENCE_MS)
-    page.evaluate("blocksMs.splice(0)")  # Those of the start are not those of driving.
+    page.evaluate("blocksMs.splice(0)")  # Discard records from loading the page.
 
 
 def move(page: Page, moves: int) -> float:
@@ -119,7 +119,7 @@ def move(page: Page, moves: int) -> float:
 
 @contextmanager
 def bare_page() -> Generator[str]:
-    """Serve a page with a stick and nothing else."""
+    """Serve a page with only a stick."""
 
     class Handler(http.server.BaseHTTPRequestHandler):
         def do_GET(self) -> None:

@@ -13,9 +13,8 @@ from tsd_twin.client.lease_signing import LeaseSigning
 from tsd_twin.client.protocol import ControlProtocol
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import BASE
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.services import LeaseReply, LeaseRequest
-from tsd_twin.messages.topics import Service
+from tsd_twin.messages.topics import Sample, Service
 from tsd_twin.security.command_authority import CommandAuthority
 from tsd_twin.security.operator_list import ListedOperator, OperatorList
 from tsd_twin.security.signing_keys import new_signing_key, public_bytes
@@ -25,7 +24,7 @@ _LEASE = "ab" * 16
 
 
 def rows(run: Run) -> Iterator[Row]:
-    """Measure the check of one command, with its lease granted."""
+    """Measure the check of a command, with its lease granted."""
     key = new_signing_key()
     listed = OperatorList(1, {"alice": ListedOperator((public_bytes(key).hex(),))})
     authority = CommandAuthority("lab1", listed)

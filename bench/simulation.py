@@ -21,8 +21,8 @@ from tsd_twin.lab.square import unlimited_trajectory
 from tsd_twin.lab.tracking import named_path
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.cdr import BASE, TwistStamped, encode_twist
-from tsd_twin.messages.commands import Sample, encode_attachment
-from tsd_twin.messages.topics import Service
+from tsd_twin.messages.commands import encode_attachment
+from tsd_twin.messages.topics import Sample, Service
 from tsd_twin.motion import TwistLimiter
 from tsd_twin.motion.routes import Route
 from tsd_twin.robots import SingularityDescription, description_of_kind

@@ -44,8 +44,19 @@ TARGETS: dict[str, Target] = {
         "us",
         "the share is the requirement",
     ),
+    "router.delay_p50": Target(
+        1, "set_velocity to setpoint, 20 robots", "direct link and 0.5 ms", "ms", provisional=False
+    ),
+    "router.delay_p99": Target(
+        1, "set_velocity to setpoint, 20 robots", "direct link and 2 ms", "ms", provisional=False
+    ),
+    "router.cpu": Target(
+        1, "router, 5 of 20 robots drive", "10 % of a core", _CPU, "the requirement"
+    ),
+    "router.memory": Target(1, "router", "allowed", "MB", "the requirement", provisional=False),
     "idle.node": Target(2.2, "idle node", "bare loop", _CPU),
     "idle.dashboard": Target(0.8, "dashboard without viewers", "bare subscriber", _CPU),
+    "idle.fleet": Target(1, "20 idle robots", "40 % of a core", _CPU, "the requirement"),
     "foxglove.delay_p50": Target(1.3, "tsd-foxglove cmd_vel to setpoint", "bare forwarder", "ms"),
     "foxglove.delay_p90": Target(1.3, "tsd-foxglove cmd_vel to setpoint", "bare forwarder", "ms"),
     "foxglove.cpu": Target(7, "tsd-foxglove", "bare forwarder", _CPU),
@@ -66,6 +77,13 @@ TARGETS: dict[str, Target] = {
     "dashboard.bytes": Target(3.2, "scene to each of 20", "plain viser", "kB/s"),
     "dashboard.delay_p50": Target(3.5, "pose to socket", "one viser node", "ms"),
     "dashboard.delay_p90": Target(3.5, "pose to socket", "one viser node", "ms"),
+    "dashboard.fleet_cpu": Target(
+        1, "dashboard, 20 robots and viewers", "a core", _CPU, "the requirement"
+    ),
+    "dashboard.fleet_bytes": Target(1, "scene to each of 20", "allowed", "kB/s", "the requirement"),
+    "dashboard.fleet_delay": Target(
+        1, "stick to setpoint, p99, 20 robots", "one robot and 5 ms", "ms", provisional=False
+    ),
     "page.delay_p50": Target(1.6, "status to screen", "without the scene", "ms"),
     "page.delay_p90": Target(1.5, "status to screen", "without the scene", "ms"),
     "response.picture": Target(1, "first picture", "allowed", "s", provisional=False),

@@ -1,7 +1,8 @@
-"""Load generator for viewers: `python -m bench.viewers URL COUNT SECONDS [drive|scene]`.
+"""Load generator for viewers: `python -m bench.viewers URL COUNT SECONDS [drive|fleet|scene]`.
 
 Prints the received data of each viewer as JSON. With `drive`, the first viewer takes control and
-drives a circle. With `scene`, the address is that of a plain viser server.
+drives a circle. With `fleet`, each viewer selects one of the robots lab1, lab2, and so on, and the
+second to fifth drive. With `scene`, the address belongs to a plain viser server.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import json
 import secrets
 import sys
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from typing import Any
 
 import msgspec
@@ -41,14 +42,19 @@ async def main(url: str, count: int, seconds: float, what: str) -> None:
     """Connect all viewers, wait until the robot drives, and count."""
     tallies = [Tally() for _ in range(count)]
     tallies[0].decodes = count == 1
-    driving = asyncio.Event()
-    if what == "scene":
-        views = [view_scene(url, tally, driving) for tally in tallies]
-    else:
-        views = [view(url, tally, driving, drives=i == 0) for i, tally in enumerate(tallies)]
+    events = [asyncio.Event() for _ in tallies]
+    drivers = events[1:5] if what == "fleet" else events[:1]
+    views: list[Coroutine[Any, Any, None]] = []
+    for i, (tally, event) in enumerate(zip(tallies, events, strict=True)):
+        if what == "scene":
+            views.append(view_scene(url, tally, event))
+        else:
+            robot = f"lab{i + 1}" if what == "fleet" else ""
+            views.append(view(url, tally, event, drives=event in drivers, robot=robot))
     tasks = [asyncio.create_task(each) for each in views]
     async with asyncio.timeout(60):
-        await driving.wait()
+        for event in drivers:
+            await event.wait()
     await asyncio.sleep(_WARM_UP_S)  # Exclude the initial scene of half a megabyte.
     for tally in tallies:
         tally.counting = True
@@ -68,8 +74,10 @@ async def main(url: str, count: int, seconds: float, what: str) -> None:
     await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def view(url: str, tally: Tally, driving: asyncio.Event, *, drives: bool) -> None:
-    """Run a page: one socket for the scene and one for the controls."""
+async def view(
+    url: str, tally: Tally, driving: asyncio.Event, *, drives: bool, robot: str = ""
+) -> None:
+    """Run a page: one socket for the scene and one for the controls; select `robot`, if any."""
     page = secrets.token_hex(8)
     base = url.replace("http://", "ws://")
     async with (
@@ -82,7 +90,8 @@ async def view(url: str, tally: Tally, driving: asyncio.Event, *, drives: bool) 
         connect(f"{base}teleop?page={page}", compression=None) as teleop,
     ):
         await scene.send(msgspec.msgpack.encode(CAMERA))
-        await asyncio.gather(watch(scene, tally), operate(teleop, tally, driving, drives=drives))
+        operating = operate(teleop, tally, driving, drives=drives, robot=robot)
+        await asyncio.gather(watch(scene, tally), operating)
 
 
 async def view_scene(url: str, tally: Tally, connected: asyncio.Event) -> None:
@@ -105,9 +114,15 @@ async def watch(scene: ClientConnection, tally: Tally) -> None:
 
 
 async def operate(
-    teleop: ClientConnection, tally: Tally, driving: asyncio.Event, *, drives: bool
+    teleop: ClientConnection,
+    tally: Tally,
+    driving: asyncio.Event,
+    *,
+    drives: bool,
+    robot: str = "",
 ) -> None:
     """Send heartbeats like a page, and drive a circle if `drives`."""
+    shown = ""
     seen: dict[str, Any] = {"status_seq": 0, "mode": "", "has_control": False}
     asked: set[str] = set()
 
@@ -122,7 +137,11 @@ async def operate(
             message = json.loads(text)
             if message["t"] == "released":
                 await send(t="release")  # Like a page whose controls have sprung back.
-            if message["t"] != "state":
+            if message["t"] == "welcome" and robot in {each["id"] for each in message["robots"]}:
+                await send(t="robot", id=robot)
+            if message["t"] == "robot":
+                shown = message["id"]
+            if message["t"] != "state" or (robot and shown != robot):
                 continue
             seen["status_seq"], seen["mode"] = message["status_seq"], message["status"]["mode"]
             seen["has_control"] = message["has_control"]

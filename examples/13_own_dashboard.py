@@ -11,7 +11,7 @@ from tsd_twin.models import LinkGroup, glb, kinematic_tree, load_parts
 
 
 class Dashboard:
-    """Sliders, buttons and meshes of one robot."""
+    """Sliders, buttons and meshes of a robot."""
 
     def __init__(self, server: viser.ViserServer, robot: tsd_twin.RobotClient) -> None:
         self.server, self.robot, self.problem = server, robot, ""

@@ -7,9 +7,9 @@
 #include <stdint.h>
 
 #define CT_MODEL 2014
-#define CT_FW_VERSION 6
+#define CT_FW_VERSION 8
 #define CT_BOARD_ID 200
-#define CT_TABLE_VERSION 6
+#define CT_TABLE_VERSION 8
 #define CT_SERVOS 6
 #define CT_ESCS 3
 #define CT_RC_CHANNELS 6
@@ -17,7 +17,7 @@
 #define CT_STICKS 4
 #define CT_ZERO_THROTTLE 2000
 #define CT_FULL_THROTTLE 4000
-#define CT_SIZE 343
+#define CT_SIZE 400
 
 typedef enum {  // Source of the joint commands.
   BOARD_DISARMED = 0,
@@ -40,6 +40,7 @@ typedef enum {  // Reason why the board last disarmed itself; kept until it is a
   TRIP_HOT = 12,
   TRIP_LINE = 13,
   TRIP_STOPPED = 14,
+  TRIP_WHEEL = 15,
 } trip_code_t;
 
 typedef enum {  // Reason why arming was last refused; 0 once it succeeds.
@@ -69,29 +70,43 @@ typedef enum {  // Signal type of the radio receiver.
   RECEIVER_SBUS = 1,
 } receiver_code_t;
 
+typedef enum {  // Source of the wheel speeds.
+  WHEEL_SENSOR_NONE = 0,
+  WHEEL_SENSOR_HALL = 1,
+  WHEEL_SENSOR_TELEMETRY = 2,
+} wheel_sensor_code_t;
+
 // Identity of the board and fixed parameters.
 #define CT_IDENTITY 0
 #define CT_IDENTITY_SIZE 26
 
 // Robot parameters in EEPROM. Written as a whole, at least 2 s after the last throttle.
 #define CT_SETUP 26
-#define CT_SETUP_SIZE 79
+#define CT_SETUP_SIZE 81
 
 // Joint commands: one WRITE of the whole block per cycle; a partial one is error 5.
-#define CT_COMMAND 105
+#define CT_COMMAND 107
 #define CT_COMMAND_SIZE 26
 
 // Measurements and states: one READ per cycle.
-#define CT_TELEMETRY 131
+#define CT_TELEMETRY 133
 #define CT_TELEMETRY_SIZE 134
 
+// Wheel speeds: read together with the telemetry, if the robot has wheel sensors.
+#define CT_WHEELS 267
+#define CT_WHEELS_SIZE 15
+
 // All receiver channels of both types, for setting up the receiver.
-#define CT_RADIO 265
+#define CT_RADIO 282
 #define CT_RADIO_SIZE 44
 
 // Geometry and limits of the robot that the firmware was built for, used by radio control.
-#define CT_GEOMETRY 309
+#define CT_GEOMETRY 326
 #define CT_GEOMETRY_SIZE 34
+
+// The last eight trips, latest first, in EEPROM; arming does not erase them.
+#define CT_HISTORY 360
+#define CT_HISTORY_SIZE 40
 
 typedef struct __attribute__((packed)) {
   // identity: read only
@@ -127,67 +142,81 @@ typedef struct __attribute__((packed)) {
   uint16_t pulse_high[3];  // 91: Pulse at full throttle. [0.5 us]
   uint16_t throttle_limit[3];  // 97: Maximum throttle from any source.
   uint16_t throttle_rise;  // 103: Maximum throttle increase per 10 ms; decreases are immediate.
+  uint8_t wheel_sensor;  // 105: Source of the wheel speeds: `WheelSensor`. 2 is error 4 on a Mega.
+  uint8_t wheel_pulses;  // 106: Pulses of a wheel sensor per turn of its wheel; with telemetry, pole pairs of its motor.
   // command: read and write
-  uint16_t heartbeat;  // 105: Heartbeat counter; must change to arm. While armed, an older counter is error 7.
-  uint8_t arm;  // 107: Changing 0 to 1 arms unless refused; 0 disarms. After a trip, 0 must be written first; repeating 1 never re-arms. 2 is STOP, also for the radio control: no source gets control until a 0 is written in this session.
-  uint8_t torque;  // 108: 0 switches servo torque off; only while disarmed.
-  uint16_t throttle[3];  // 109: Throttle per speed controller, from `pulse_low` at 2000 to `pulse_high` at 4000; applied while armed.
-  int16_t goal[6];  // 115: Gimbal goals from neutral: alpha and beta of module 1, then 2, then 3; used if armed. [step]
-  uint16_t session[2];  // 127: Must equal `nonce`; else the block can only disarm or stop, and `arm` 1 is error 7.
+  uint16_t heartbeat;  // 107: Heartbeat counter; must change to arm. While armed, an older counter is error 7.
+  uint8_t arm;  // 109: Changing 0 to 1 arms unless refused; 0 disarms. After a trip, 0 must be written first; repeating 1 never re-arms. 2 is STOP, also for the radio control: no source gets control until a 0 is written in this session.
+  uint8_t torque;  // 110: 0 switches servo torque off; only while disarmed.
+  uint16_t throttle[3];  // 111: Throttle per speed controller, from `pulse_low` at 2000 to `pulse_high` at 4000; applied while armed.
+  int16_t goal[6];  // 117: Gimbal goals from neutral: alpha and beta of module 1, then 2, then 3; used if armed. [step]
+  uint16_t session[2];  // 129: Must equal `nonce`; else the block can only disarm or stop, and `arm` 1 is error 7.
   // telemetry: read only
-  uint32_t millis;  // 131: Time since the reset. [ms]
-  uint8_t mode;  // 135: Source of the joint commands: `BoardMode`.
-  uint8_t trip;  // 136: Reason of the last trip, until the board is armed: `Trip`.
-  uint8_t refusal;  // 137: Reason of the last refusal to arm: `Refusal`.
-  uint8_t reset_cause;  // 138: Reason of the last reset: `ResetCause`.
-  uint16_t beat;  // 139: Echo of the last written heartbeat.
-  uint16_t nonce[2];  // 141: Session number; changes at each start, each disarming, and each 1 in `arm` that does not arm.
-  uint8_t setup_known;  // 145: 1: a setup was ever written.
-  uint8_t drive_on;  // 146: 1: the speed controllers have power, behind the contactor.
-  uint8_t esc_ready;  // 147: 1: zero throttle was output for `esc_hold_ms` since the speed controllers got power and since the last disarming.
-  uint8_t servo_found;  // 148: Bit i: servo i responded to a ping.
-  uint8_t servo_alive;  // 149: Bit i: servo i responded within the last 50 ms.
-  uint8_t servo_protocol;  // 150: Bit i: servo i uses Protocol 2.0, else 1.0.
-  uint8_t servo_fault;  // 151: Bit i: servo i reports a hardware error.
-  uint8_t servo_torque;  // 152: Bit i: servo i reported torque on within the last 150 ms.
-  uint8_t servo_checked;  // 153: Bit i: the settings of servo i have the required values.
-  uint8_t wrong_servo;  // 154: Number (from 1) of a servo with a wrong setting, see the next two items; else 0.
-  uint8_t wrong_register;  // 155: Address of the setting in the servo's table; 0: model number.
-  uint32_t wrong_value;  // 156: Value of the setting.
-  uint16_t throttle_out[3];  // 160: Current throttle output.
-  int16_t position[6];  // 166: Gimbal positions from neutral. [step]
-  int16_t velocity[6];  // 178: Gimbal velocities. [step/s]
-  int16_t current[6];  // 190: Servo currents. [mA]
-  uint8_t voltage[6];  // 202: Servo voltages. [0.1 V]
-  uint8_t temperature[6];  // 208: Servo temperatures. [deg C]
-  uint16_t rc[6];  // 214: Receiver pulses: forward, left, turn, speed, kill, manual; 0 if missing. [us]
-  uint16_t battery_mv;  // 226: Battery voltage. [mV]
-  uint16_t drive_mv;  // 228: Speed-controller voltage, behind the contactor. [mV]
-  uint16_t supply_mv;  // 230: Board supply voltage, the reference for the other two. [mV]
-  uint16_t crc_errors;  // 232: Packets from the PC with a wrong CRC.
-  uint16_t rx_errors;  // 234: Lost bytes and abandoned incomplete packets from the PC.
-  uint16_t servo_errors;  // 236: Missing or invalid servo responses.
-  uint16_t overruns;  // 238: Cycles longer than 10 ms.
-  uint16_t trips;  // 240: Number of trips since power-on.
-  uint16_t resets;  // 242: Number of resets since power-on.
-  uint8_t stop_proven;  // 244: 1: the stop circuit has been open since power-on.
-  uint8_t servo_far;  // 245: Bit i: servo i has not been within 100 steps of `neutral` since power-on or a change of `neutral`, so it gets no torque.
-  uint8_t servo_stuck;  // 246: Bit i: servo i did not follow its goal at the last trip.
-  uint16_t servo_model[6];  // 247: Servo model numbers; 0 if not read.
-  uint8_t servo_missed[6];  // 259: Missing or invalid responses per servo; wraps from 255 to 0.
+  uint32_t millis;  // 133: Time since the reset. [ms]
+  uint8_t mode;  // 137: Source of the joint commands: `BoardMode`.
+  uint8_t trip;  // 138: Reason of the last trip, until the board is armed: `Trip`.
+  uint8_t refusal;  // 139: Reason of the last refusal to arm: `Refusal`.
+  uint8_t reset_cause;  // 140: Reason of the last reset: `ResetCause`.
+  uint16_t beat;  // 141: Echo of the last written heartbeat.
+  uint16_t nonce[2];  // 143: Session number; changes at each start, each disarming, and each 1 in `arm` that does not arm.
+  uint8_t setup_known;  // 147: 1: a setup was ever written.
+  uint8_t drive_on;  // 148: 1: the speed controllers have power, behind the contactor.
+  uint8_t esc_ready;  // 149: 1: zero throttle was output for `esc_hold_ms` since the speed controllers got power and since the last disarming.
+  uint8_t servo_found;  // 150: Bit i: servo i responded to a ping.
+  uint8_t servo_alive;  // 151: Bit i: servo i responded within the last 50 ms.
+  uint8_t servo_protocol;  // 152: Bit i: servo i uses Protocol 2.0, else 1.0.
+  uint8_t servo_fault;  // 153: Bit i: servo i reports a hardware error.
+  uint8_t servo_torque;  // 154: Bit i: servo i reported torque on within the last 150 ms.
+  uint8_t servo_checked;  // 155: Bit i: the settings of servo i have the required values.
+  uint8_t wrong_servo;  // 156: Number (from 1) of a servo with a wrong setting, see the next two items; else 0.
+  uint8_t wrong_register;  // 157: Address of the setting in the servo's table; 0: model number.
+  uint32_t wrong_value;  // 158: Value of the setting.
+  uint16_t throttle_out[3];  // 162: Current throttle output.
+  int16_t position[6];  // 168: Gimbal positions from neutral. [step]
+  int16_t velocity[6];  // 180: Gimbal velocities. [step/s]
+  int16_t current[6];  // 192: Servo currents. [mA]
+  uint8_t voltage[6];  // 204: Servo voltages. [0.1 V]
+  uint8_t temperature[6];  // 210: Servo temperatures. [deg C]
+  uint16_t rc[6];  // 216: Receiver pulses: forward, left, turn, speed, kill, manual; 0 if missing. [us]
+  uint16_t battery_mv;  // 228: Battery voltage. [mV]
+  uint16_t drive_mv;  // 230: Speed-controller voltage, behind the contactor. [mV]
+  uint16_t supply_mv;  // 232: Board supply voltage, the reference for the other two. [mV]
+  uint16_t crc_errors;  // 234: Packets from the PC with a wrong CRC.
+  uint16_t rx_errors;  // 236: Lost bytes and abandoned incomplete packets from the PC.
+  uint16_t servo_errors;  // 238: Missing or invalid servo responses.
+  uint16_t overruns;  // 240: Cycles longer than 10 ms.
+  uint16_t trips;  // 242: Number of trips since power-on.
+  uint16_t resets;  // 244: Number of resets since power-on.
+  uint8_t stop_proven;  // 246: 1: the stop circuit has been open since power-on.
+  uint8_t servo_far;  // 247: Bit i: servo i has not been within 100 steps of `neutral` since power-on or a change of `neutral`, so it gets no torque.
+  uint8_t servo_stuck;  // 248: Bit i: servo i did not follow its goal at the last trip.
+  uint16_t servo_model[6];  // 249: Servo model numbers; 0 if not read.
+  uint8_t servo_missed[6];  // 261: Missing or invalid responses per servo; wraps from 255 to 0.
+  // wheels: read only
+  uint8_t wheel_measured;  // 267: Bit i: the sensor of wheel i has sent pulses since the start, so its speed is measured.
+  uint16_t wheel_rpm[3];  // 268: Measured wheel speeds; 0 if not measured. [rpm]
+  uint8_t wheel_age[3];  // 274: Time since the last pulse of each wheel sensor, at most 255. [ms]
+  uint8_t wheel_stuck;  // 277: Number (from 1) of the wheel that did not follow at the last trip, see the next two items; else 0.
+  uint16_t stuck_rpm;  // 278: Measured speed of this wheel. [rpm]
+  uint16_t stuck_wanted_rpm;  // 280: Speed at its throttle. [rpm]
   // radio: read only
-  uint16_t channel[22];  // 265: SBUS channels, then the pulses of the wires; 0 if missing. [us]
+  uint16_t channel[22];  // 282: SBUS channels, then the pulses of the wires; 0 if missing. [us]
   // geometry: read only
-  uint32_t wheel_radius_um;  // 309: Radius of the wheels. [um]
-  int16_t pivot_x[3];  // 313: Position of each module's pivot, forward of the centre. [0.1 mm]
-  int16_t pivot_y[3];  // 319: Position of each module's pivot, to the left of the centre. [0.1 mm]
-  uint16_t cruise_rpm[3];  // 325: Cruising speed of each wheel. [rpm]
-  uint16_t max_tilt;  // 331: Maximum tilt of the gimbals. [0.01 deg]
-  uint16_t servo_steps;  // 333: Servo steps per turn. [step]
-  uint16_t speed;  // 335: Speed limit. [mm/s]
-  uint16_t turn_rate;  // 337: Turn rate limit. [mrad/s]
-  uint16_t acceleration;  // 339: Acceleration limit. [mm/s2]
-  uint16_t angular_acceleration;  // 341: Angular acceleration limit. [0.01 rad/s2]
+  uint32_t wheel_radius_um;  // 326: Radius of the wheels. [um]
+  int16_t pivot_x[3];  // 330: Position of each module's pivot, forward of the centre. [0.1 mm]
+  int16_t pivot_y[3];  // 336: Position of each module's pivot, to the left of the centre. [0.1 mm]
+  uint16_t cruise_rpm[3];  // 342: Cruising speed of each wheel. [rpm]
+  uint16_t max_tilt;  // 348: Maximum tilt of the gimbals. [0.01 deg]
+  uint16_t servo_steps;  // 350: Servo steps per turn. [step]
+  uint16_t speed;  // 352: Speed limit. [mm/s]
+  uint16_t turn_rate;  // 354: Turn rate limit. [mrad/s]
+  uint16_t acceleration;  // 356: Acceleration limit. [mm/s2]
+  uint16_t angular_acceleration;  // 358: Angular acceleration limit. [0.01 rad/s2]
+  // history: read only
+  uint8_t past_trip[8];  // 360: Reasons: `Trip`; 0 if there were fewer.
+  uint8_t past_start[8];  // 368: Power-ups in which they occurred: the lower byte of `nonce`.
+  uint16_t past_uptime_s[8];  // 376: Time since the reset, at most 65535. [s]
+  uint8_t past_lowest[8];  // 392: Lowest battery voltage since a source had got the robot; 0 if none had. [0.1 V]
 } control_table_t;
 
 _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
@@ -195,8 +224,8 @@ _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
 // X(name, address, type, count, default, increment per element): every item.
 #define CT_ITEMS(X) \
   X(model, 0, uint16_t, 1, 2014, 0) \
-  X(fw, 2, uint8_t, 1, 6, 0) \
-  X(table_version, 3, uint8_t, 1, 6, 0) \
+  X(fw, 2, uint8_t, 1, 8, 0) \
+  X(table_version, 3, uint8_t, 1, 8, 0) \
   X(id, 4, uint8_t, 1, 200, 0) \
   X(host_baud, 5, uint32_t, 1, 1000000, 0) \
   X(servo_baud, 9, uint32_t, 1, 1000000, 0) \
@@ -225,63 +254,75 @@ _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
   X(pulse_high, 91, uint16_t, 3, 4000, 0) \
   X(throttle_limit, 97, uint16_t, 3, 4000, 0) \
   X(throttle_rise, 103, uint16_t, 1, 2000, 0) \
-  X(heartbeat, 105, uint16_t, 1, 0, 0) \
-  X(arm, 107, uint8_t, 1, 0, 0) \
-  X(torque, 108, uint8_t, 1, 1, 0) \
-  X(throttle, 109, uint16_t, 3, 2000, 0) \
-  X(goal, 115, int16_t, 6, 0, 0) \
-  X(session, 127, uint16_t, 2, 0, 0) \
-  X(millis, 131, uint32_t, 1, 0, 0) \
-  X(mode, 135, uint8_t, 1, 0, 0) \
-  X(trip, 136, uint8_t, 1, 0, 0) \
-  X(refusal, 137, uint8_t, 1, 0, 0) \
-  X(reset_cause, 138, uint8_t, 1, 0, 0) \
-  X(beat, 139, uint16_t, 1, 0, 0) \
-  X(nonce, 141, uint16_t, 2, 0, 0) \
-  X(setup_known, 145, uint8_t, 1, 0, 0) \
-  X(drive_on, 146, uint8_t, 1, 0, 0) \
-  X(esc_ready, 147, uint8_t, 1, 0, 0) \
-  X(servo_found, 148, uint8_t, 1, 0, 0) \
-  X(servo_alive, 149, uint8_t, 1, 0, 0) \
-  X(servo_protocol, 150, uint8_t, 1, 0, 0) \
-  X(servo_fault, 151, uint8_t, 1, 0, 0) \
-  X(servo_torque, 152, uint8_t, 1, 0, 0) \
-  X(servo_checked, 153, uint8_t, 1, 0, 0) \
-  X(wrong_servo, 154, uint8_t, 1, 0, 0) \
-  X(wrong_register, 155, uint8_t, 1, 0, 0) \
-  X(wrong_value, 156, uint32_t, 1, 0, 0) \
-  X(throttle_out, 160, uint16_t, 3, 2000, 0) \
-  X(position, 166, int16_t, 6, 0, 0) \
-  X(velocity, 178, int16_t, 6, 0, 0) \
-  X(current, 190, int16_t, 6, 0, 0) \
-  X(voltage, 202, uint8_t, 6, 0, 0) \
-  X(temperature, 208, uint8_t, 6, 0, 0) \
-  X(rc, 214, uint16_t, 6, 0, 0) \
-  X(battery_mv, 226, uint16_t, 1, 0, 0) \
-  X(drive_mv, 228, uint16_t, 1, 0, 0) \
-  X(supply_mv, 230, uint16_t, 1, 0, 0) \
-  X(crc_errors, 232, uint16_t, 1, 0, 0) \
-  X(rx_errors, 234, uint16_t, 1, 0, 0) \
-  X(servo_errors, 236, uint16_t, 1, 0, 0) \
-  X(overruns, 238, uint16_t, 1, 0, 0) \
-  X(trips, 240, uint16_t, 1, 0, 0) \
-  X(resets, 242, uint16_t, 1, 0, 0) \
-  X(stop_proven, 244, uint8_t, 1, 0, 0) \
-  X(servo_far, 245, uint8_t, 1, 0, 0) \
-  X(servo_stuck, 246, uint8_t, 1, 0, 0) \
-  X(servo_model, 247, uint16_t, 6, 0, 0) \
-  X(servo_missed, 259, uint8_t, 6, 0, 0) \
-  X(channel, 265, uint16_t, 22, 0, 0) \
-  X(wheel_radius_um, 309, uint32_t, 1, 0, 0) \
-  X(pivot_x, 313, int16_t, 3, 0, 0) \
-  X(pivot_y, 319, int16_t, 3, 0, 0) \
-  X(cruise_rpm, 325, uint16_t, 3, 0, 0) \
-  X(max_tilt, 331, uint16_t, 1, 0, 0) \
-  X(servo_steps, 333, uint16_t, 1, 0, 0) \
-  X(speed, 335, uint16_t, 1, 0, 0) \
-  X(turn_rate, 337, uint16_t, 1, 0, 0) \
-  X(acceleration, 339, uint16_t, 1, 0, 0) \
-  X(angular_acceleration, 341, uint16_t, 1, 0, 0)
+  X(wheel_sensor, 105, uint8_t, 1, 0, 0) \
+  X(wheel_pulses, 106, uint8_t, 1, 1, 0) \
+  X(heartbeat, 107, uint16_t, 1, 0, 0) \
+  X(arm, 109, uint8_t, 1, 0, 0) \
+  X(torque, 110, uint8_t, 1, 1, 0) \
+  X(throttle, 111, uint16_t, 3, 2000, 0) \
+  X(goal, 117, int16_t, 6, 0, 0) \
+  X(session, 129, uint16_t, 2, 0, 0) \
+  X(millis, 133, uint32_t, 1, 0, 0) \
+  X(mode, 137, uint8_t, 1, 0, 0) \
+  X(trip, 138, uint8_t, 1, 0, 0) \
+  X(refusal, 139, uint8_t, 1, 0, 0) \
+  X(reset_cause, 140, uint8_t, 1, 0, 0) \
+  X(beat, 141, uint16_t, 1, 0, 0) \
+  X(nonce, 143, uint16_t, 2, 0, 0) \
+  X(setup_known, 147, uint8_t, 1, 0, 0) \
+  X(drive_on, 148, uint8_t, 1, 0, 0) \
+  X(esc_ready, 149, uint8_t, 1, 0, 0) \
+  X(servo_found, 150, uint8_t, 1, 0, 0) \
+  X(servo_alive, 151, uint8_t, 1, 0, 0) \
+  X(servo_protocol, 152, uint8_t, 1, 0, 0) \
+  X(servo_fault, 153, uint8_t, 1, 0, 0) \
+  X(servo_torque, 154, uint8_t, 1, 0, 0) \
+  X(servo_checked, 155, uint8_t, 1, 0, 0) \
+  X(wrong_servo, 156, uint8_t, 1, 0, 0) \
+  X(wrong_register, 157, uint8_t, 1, 0, 0) \
+  X(wrong_value, 158, uint32_t, 1, 0, 0) \
+  X(throttle_out, 162, uint16_t, 3, 2000, 0) \
+  X(position, 168, int16_t, 6, 0, 0) \
+  X(velocity, 180, int16_t, 6, 0, 0) \
+  X(current, 192, int16_t, 6, 0, 0) \
+  X(voltage, 204, uint8_t, 6, 0, 0) \
+  X(temperature, 210, uint8_t, 6, 0, 0) \
+  X(rc, 216, uint16_t, 6, 0, 0) \
+  X(battery_mv, 228, uint16_t, 1, 0, 0) \
+  X(drive_mv, 230, uint16_t, 1, 0, 0) \
+  X(supply_mv, 232, uint16_t, 1, 0, 0) \
+  X(crc_errors, 234, uint16_t, 1, 0, 0) \
+  X(rx_errors, 236, uint16_t, 1, 0, 0) \
+  X(servo_errors, 238, uint16_t, 1, 0, 0) \
+  X(overruns, 240, uint16_t, 1, 0, 0) \
+  X(trips, 242, uint16_t, 1, 0, 0) \
+  X(resets, 244, uint16_t, 1, 0, 0) \
+  X(stop_proven, 246, uint8_t, 1, 0, 0) \
+  X(servo_far, 247, uint8_t, 1, 0, 0) \
+  X(servo_stuck, 248, uint8_t, 1, 0, 0) \
+  X(servo_model, 249, uint16_t, 6, 0, 0) \
+  X(servo_missed, 261, uint8_t, 6, 0, 0) \
+  X(wheel_measured, 267, uint8_t, 1, 0, 0) \
+  X(wheel_rpm, 268, uint16_t, 3, 0, 0) \
+  X(wheel_age, 274, uint8_t, 3, 255, 0) \
+  X(wheel_stuck, 277, uint8_t, 1, 0, 0) \
+  X(stuck_rpm, 278, uint16_t, 1, 0, 0) \
+  X(stuck_wanted_rpm, 280, uint16_t, 1, 0, 0) \
+  X(channel, 282, uint16_t, 22, 0, 0) \
+  X(wheel_radius_um, 326, uint32_t, 1, 0, 0) \
+  X(pivot_x, 330, int16_t, 3, 0, 0) \
+  X(pivot_y, 336, int16_t, 3, 0, 0) \
+  X(cruise_rpm, 342, uint16_t, 3, 0, 0) \
+  X(max_tilt, 348, uint16_t, 1, 0, 0) \
+  X(servo_steps, 350, uint16_t, 1, 0, 0) \
+  X(speed, 352, uint16_t, 1, 0, 0) \
+  X(turn_rate, 354, uint16_t, 1, 0, 0) \
+  X(acceleration, 356, uint16_t, 1, 0, 0) \
+  X(angular_acceleration, 358, uint16_t, 1, 0, 0) \
+  X(past_trip, 360, uint8_t, 8, 0, 0) \
+  X(past_start, 368, uint8_t, 8, 0, 0) \
+  X(past_uptime_s, 376, uint16_t, 8, 0, 0) \
+  X(past_lowest, 392, uint8_t, 8, 0, 0)
 
 // X(name, address, type, count, least, most): every writable item.
 #define CT_WRITABLE(X) \
@@ -304,11 +345,13 @@ _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
   X(pulse_high, 91, uint16_t, 3, 3000, 4400) \
   X(throttle_limit, 97, uint16_t, 3, 2000, 4000) \
   X(throttle_rise, 103, uint16_t, 1, 1, 2000) \
-  X(heartbeat, 105, uint16_t, 1, 0, 65535) \
-  X(arm, 107, uint8_t, 1, 0, 2) \
-  X(torque, 108, uint8_t, 1, 0, 1) \
-  X(throttle, 109, uint16_t, 3, 2000, 4000) \
-  X(goal, 115, int16_t, 6, -1023, 1023) \
-  X(session, 127, uint16_t, 2, 0, 65535)
+  X(wheel_sensor, 105, uint8_t, 1, 0, 2) \
+  X(wheel_pulses, 106, uint8_t, 1, 1, 255) \
+  X(heartbeat, 107, uint16_t, 1, 0, 65535) \
+  X(arm, 109, uint8_t, 1, 0, 2) \
+  X(torque, 110, uint8_t, 1, 0, 1) \
+  X(throttle, 111, uint16_t, 3, 2000, 4000) \
+  X(goal, 117, int16_t, 6, -1023, 1023) \
+  X(session, 129, uint16_t, 2, 0, 65535)
 
 #endif

@@ -14,7 +14,8 @@
 #endif
 
 // HAL_INTERRUPT(name) { ... } defines an interrupt handler: tick; host_byte and host_empty (line to
-// the PC); bus_byte, bus_empty and bus_sent (servo bus); receiver and radio_byte (receiver).
+// the PC); bus_byte, bus_empty and bus_sent (servo bus); receiver and radio_byte (receiver); wheels
+// (wheel sensors).
 //
 // HAL_ATOMIC { ... } runs without interrupts.
 //
@@ -64,6 +65,32 @@ HAL uint8_t hal_radio_flags(void);  // Read before each byte.
 HAL uint8_t hal_radio_receive(void);
 #define HAL_BROKEN 0x1c  // Flags: no stop bit, lost byte, wrong parity.
 
+// The wheel sensors, a wire with pulses per wheel. The chip keeps falling edges, and `wheels` takes them
+// every HAL_WHEEL_US, or later if the lines are busy, so that neither fast wheels nor noise cost more
+// time.
+#define HAL_WHEEL_US 500
+HAL void hal_wheels_start(void);
+HAL void hal_wheels_stop(void);
+HAL uint16_t hal_wheels_next(void);  // Requests the next interrupt; returns the count of half us.
+HAL uint8_t hal_wheels_take(void);   // Wheels with an edge since the last call.
+#ifdef __AVR__
+#define HAL_WHEELS {0x10, 0x20, 0x01}  // Bits of these wheels.
+#else
+#define HAL_WHEELS {0x01, 0x02, 0x04}
+#endif
+
+// The telemetry of the speed controllers, a serial line per wheel with 115,200 baud, taken by `wheels` too. The
+// Mega has one free UART for three lines, so it does not accept this sensor.
+#ifdef __AVR__
+#define HAL_TELEMETRY false
+#else
+#define HAL_TELEMETRY true
+#endif
+#define HAL_TELEMETRY_BROKEN 0x100  // Flag: no stop bit.
+void hal_telemetry_start(void);
+void hal_telemetry_stop(void);
+int16_t hal_telemetry_take(uint8_t i);  // Next byte of a wheel, with the flag; or -1.
+
 // The converter, relative to the board's supply; full scale is 1023. The battery and drive inputs
 // are behind a divider by HAL_DIVIDER.
 #ifdef __arm__
@@ -77,8 +104,9 @@ HAL void hal_adc_convert(hal_adc_t input);
 HAL bool hal_adc_busy(void);
 HAL uint16_t hal_adc_value(void);
 
-// Non-volatile memory. Writing takes 3 ms: it returns immediately if the memory is ready, and waits
-// otherwise.
+// Non-volatile memory, of which all boards have HAL_EEPROM_SIZE bytes. Writing takes 3 ms: it returns immediately if
+// the memory is ready, and waits otherwise.
+#define HAL_EEPROM_SIZE 252
 HAL uint8_t hal_eeprom_read(uint16_t address);
 HAL bool hal_eeprom_ready(void);
 HAL void hal_eeprom_write(uint16_t address, uint8_t byte);
@@ -119,6 +147,7 @@ HAL_INTERRUPT(host_empty);
 HAL_INTERRUPT(bus_byte);
 HAL_INTERRUPT(bus_empty);
 HAL_INTERRUPT(bus_sent);
+HAL_INTERRUPT(wheels);
 #endif
 
 #endif

@@ -13,7 +13,9 @@
 #include "servos.h"
 #include "setup.h"
 #include "table.h"
+#include "trip_history.h"
 #include "watchdog.h"
+#include "wheel_speed.h"
 
 enum { BEGIN, SENSE, DECIDE, FOLLOW, PUT_OUT, SERVOS, DONE };
 static uint8_t stage = DONE;
@@ -29,6 +31,8 @@ static void run_stage(void) {
     case SENSE:
       power_tick();
       setup_tick();
+      trip_history_tick();
+      wheel_speed_tick();
       break;
     case DECIDE:
       safety_tick();
@@ -51,6 +55,7 @@ void main_start(void) {
   table_start();
   watchdog_remember();
   setup_start();
+  trip_history_start();
   gimbals_start();
   nonce_start();
   safety_start();

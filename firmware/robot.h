@@ -20,6 +20,19 @@
 // Pulses that turn the wheels at cruising speed. [0.5 us]
 static const uint16_t ROBOT_CRUISE_THROTTLE[] = {2414, 2411, 2417};
 
+// Speed of each wheel over the throttle. [0.5 us, rpm]
+#define ROBOT_CURVE_POINTS 10
+static const uint16_t ROBOT_CURVE_THROTTLE[] = {2000, 2222, 2444, 2667, 2889, 3111, 3333, 3556, 3778, 4000};
+static const uint16_t ROBOT_CURVE_RPM[][ROBOT_CURVE_POINTS] = {
+    {0, 0, 2892, 4137, 5895, 7264, 8419, 10113, 11927, 13603},
+    {0, 0, 2938, 4762, 5768, 7019, 9016, 10205, 11898, 13445},
+    {0, 0, 2856, 4322, 6147, 7121, 8804, 10353, 11785, 13409},
+};
+// Lowest speed of a driven wheel; time to follow a setpoint; smallest deviation that counts.
+#define ROBOT_WHEEL_START_RPM 2000
+#define ROBOT_WHEEL_LAG_MS 900
+#define ROBOT_WHEEL_LEAST_RPM 500
+
 // (l_x, l_y) of each module from (vx, vy, omega), at cruising speed. [s/m, s/m, s/rad]
 static const float ROBOT_AXLES[ROBOT_MODULES][2][3] = {
     {{0.0000000f, -0.0954930f, 0.0000000f}, {0.0954930f, 0.0000000f, -0.0143239f}},

@@ -13,8 +13,13 @@ import numpy as np
 
 from tsd_twin.control.monitors import HOT_MARGIN_C, WARM_MARGIN_C
 from tsd_twin.hardware.board_geometry import compiled_geometry
+from tsd_twin.hardware.drive_latch import FOLLOWING_SHARE, LAG_S
+from tsd_twin.hardware.dynamixel.control_table import ESCS
 from tsd_twin.robots import RPM, SingularityDescription, description_of_kind, load_robot
 from tsd_twin.simulation import Motors
+
+LAGS = 3.0
+"""Time until a wheel has to follow, in time constants of the motor."""
 
 
 def header(name: str = "tsd") -> str:
@@ -33,6 +38,14 @@ def header(name: str = "tsd") -> str:
         + "}"
         for module in axles
     )
+    motor_rpm = np.round(
+        robot.actuator_offsets().scale[2::3, np.newaxis] * motors.speeds_rad_per_s / RPM
+    ).astype(int)
+    curve = np.round(2.0 * motors.pulse_us(motors.signals)).astype(int)
+    motor_rpm = np.pad(motor_rpm, ((0, ESCS - drive.modules), (0, 0)))
+    curves = ",\n".join(f"    {{{', '.join(map(str, row))}}}" for row in motor_rpm)
+    lag_s = max(LAG_S, LAGS * max(motors.time_constant_up_s, motors.time_constant_down_s))
+    speeds = robot.wheel_speed_range
     limits = robot.limits
     geometry = compiled_geometry(robot)
     compiled = ", ".join(map(str, geometry.pack()))
@@ -62,6 +75,17 @@ def header(name: str = "tsd") -> str:
 
 // Pulses that turn the wheels at cruising speed. [0.5 us]
 static const uint16_t ROBOT_CRUISE_THROTTLE[] = {{{", ".join(map(str, throttles))}}};
+
+// Speed of each wheel over the throttle. [0.5 us, rpm]
+#define ROBOT_CURVE_POINTS {len(curve)}
+static const uint16_t ROBOT_CURVE_THROTTLE[] = {{{", ".join(map(str, curve))}}};
+static const uint16_t ROBOT_CURVE_RPM[][ROBOT_CURVE_POINTS] = {{
+{curves},
+}};
+// Lowest speed of a driven wheel; time to follow a setpoint; smallest deviation that counts.
+#define ROBOT_WHEEL_START_RPM {speeds.least_rad_per_s / RPM:.0f}
+#define ROBOT_WHEEL_LAG_MS {1e3 * lag_s:.0f}
+#define ROBOT_WHEEL_LEAST_RPM {FOLLOWING_SHARE * speeds.least_rad_per_s / RPM:.0f}
 
 // (l_x, l_y) of each module from (vx, vy, omega), at cruising speed. [s/m, s/m, s/rad]
 static const float ROBOT_AXLES[ROBOT_MODULES][2][3] = {{

@@ -7,6 +7,7 @@
 #include "following.h"
 #include "hal.h"
 #include "host.h"
+#include "light.h"
 #include "manual.h"
 #include "nonce.h"
 #include "power.h"
@@ -14,7 +15,9 @@
 #include "servos.h"
 #include "setup.h"
 #include "table.h"
+#include "trip_history.h"
 #include "watchdog.h"
+#include "wheel_following.h"
 
 #define ALL_SERVOS ((1 << CT_SERVOS) - 1)
 #define STOP 2  // Value of `arm`.
@@ -41,6 +44,7 @@ void safety_start(void) {
   if (table.reset_cause & HAL_CAUSE_WATCHDOG) {
     table.trip = TRIP_WATCHDOG;
     watchdog_memory.trips++;
+    trip_history_add(TRIP_WATCHDOG);
   }
   hal_light_start();
 }
@@ -56,7 +60,9 @@ static void trip(trip_code_t reason) {
   disarm();
   table.trip = reason;
   table.servo_stuck = reason == TRIP_FOLLOWING ? following_stuck() : 0;
+  wheel_following_report(reason == TRIP_WHEEL);
   watchdog_memory.trips++;
+  trip_history_add(reason);
 }
 
 static bool servos_well(void) {
@@ -149,6 +155,7 @@ static refusal_code_t refusal_to_radio(bool takes_over) {
 static void give_to(board_code_t mode) {
   table.mode = mode;
   table.trip = TRIP_NONE;
+  trip_history_begin();
 }
 
 // Stores the command block; only then it applies.
@@ -209,6 +216,7 @@ static trip_code_t reason_to_trip(void) {
   if (!servos_hold()) return host_disturbed() ? TRIP_LINE : TRIP_TORQUE;
   if (servos_hot()) return TRIP_HOT;
   if (following_stuck()) return TRIP_FOLLOWING;
+  if (wheel_following_stuck()) return TRIP_WHEEL;
   if (pc && receiver_manual()) return TRIP_RC_TOOK_OVER;
   if (pc && beat_age_ms >= CT_DEFAULT(heartbeat_timeout_ms)) return TRIP_HEARTBEAT;
   return TRIP_NONE;
@@ -269,7 +277,6 @@ static void put_out(void) {
   bool holds = setup_known() && (table.torque || pc || rc);
   servo_command.torque = holds ? ALL_SERVOS & ~table.servo_far : 0;
   esc_put();
-  hal_light(pc || rc);
 }
 
 // Speed controllers that just got power may interpret any throttle as a speed or as the start of
@@ -293,6 +300,7 @@ void safety_tick(void) {
 
 void safety_follow(void) {
   following_tick(table.mode != BOARD_DISARMED);
+  wheel_following_tick(table.mode != BOARD_DISARMED);
   if (table.mode == BOARD_RC) manual_tick();
   limit_throttles();
 }
@@ -305,5 +313,6 @@ void safety_put_out(void) {
   table.esc_ready = held();
   table.trips = watchdog_memory.trips;
   table.resets = watchdog_memory.resets;
+  light_tick();
   watchdog_kick();
 }

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "gimbals.h"
+#include "hal.h"
 #include "power.h"
 #include "receiver.h"
 #include "robot.h"
@@ -47,6 +48,11 @@ static bool inside(uint16_t address, uint16_t length, uint16_t block, uint16_t s
   return address >= block && address < block + size && length <= block + size - address;
 }
 
+// A board without telemetry would take the wheels for sensors that never sent.
+static bool has_sensor(const control_table_t *wanted) {
+  return HAL_TELEMETRY || wanted->wheel_sensor != WHEEL_SENSOR_TELEMETRY;
+}
+
 // Changing zero throttle could spin the wheels, so it requires speed controllers without power.
 static bool changes_pulses(const control_table_t *wanted) {
   return memcmp(wanted->pulse_low, table.pulse_low, sizeof table.pulse_low) != 0;
@@ -88,7 +94,7 @@ answer_t table_write(uint16_t address, const uint8_t *data, uint16_t length) {
   wanted = table;
   memcpy((uint8_t *)&wanted + address, data, length);
   if (!within_limits((const uint8_t *)&wanted)) return ANSWER_RANGE;
-  if (!all_differ(wanted.servo_id)) return ANSWER_RANGE;
+  if (!all_differ(wanted.servo_id) || !has_sensor(&wanted)) return ANSWER_RANGE;
   if (!sticks_end_where_they_can(&wanted)) return ANSWER_RANGE;
   if (changes_pulses(&wanted) && power_drive()) return ANSWER_ACCESS;
   if (command) return safety_command(&wanted) ? ANSWER_OK : ANSWER_ACCESS;

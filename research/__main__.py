@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from research import alarms, budget, camera_gap, consistency, go_to, mismatch
+from research import alarms, budget, camera_gap, consistency, go_to, mismatch, prediction, thesis
 from tsd_twin.cli import program
 from tsd_twin.cli.experiment import Experiment
 from tsd_twin.cli.experiments import run_experiments
@@ -14,6 +14,8 @@ EXPERIMENTS: tuple[Experiment, ...] = (
     consistency.EXPERIMENT,
     alarms.EXPERIMENT,
     camera_gap.EXPERIMENT,
+    prediction.EXPERIMENT,
+    thesis.EXPERIMENT,
 )
 """All studies; add a row for a new one."""
 

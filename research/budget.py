@@ -85,6 +85,10 @@ class OpenLoopErrors:
     """(n,): distance at the end."""
     line_m: Array
     """(n,): maximum distance from the path's line, the only error visible in an XY plot."""
+    speed_mps: Array
+    """(n,): mean speed in the second halves of the sides, after the slip of the corners."""
+    turned_rad: Array
+    """(n,): maximum change of the heading along a side."""
 
 
 def drive_open_loop(
@@ -117,8 +121,10 @@ def drive_open_loop(
     squared, worst, error_m, off_line = (np.zeros(runs) for _ in range(4))
     route = trajectory.route
     corners = route.at(np.array([0.0, *route.breaks_m, route.length_m])).pose[:, :2]
+    sides = len(corners) - 1
+    speeds, headings = np.zeros((steps, runs)), np.zeros((steps, runs))
     halves = np.array([0.5, 1.0])[:, None, None] * STEP_S
-    for goal, reference_xy in zip(goals, references, strict=True):
+    for step, (goal, reference_xy) in enumerate(zip(goals, references, strict=True)):
         aim = goal + errors.zero_rad
         if servos is None:
             nodes[:, :, is_angle] = aim
@@ -133,12 +139,25 @@ def drive_open_loop(
             before = slip.twist
             tangent = 0.5 * STEP_S * (before + slip.advance(tangent / STEP_S, STEP_S, 2))
         pose = pose @ SE2.exp(tangent)
+        speeds[step] = np.hypot(tangent[:, 0], tangent[:, 1]) / STEP_S
+        headings[step] = pose.xy_heading[:, 2]
         off_line = np.maximum(off_line, _distance_from_lines(pose.xy_heading[:, :2], corners))
         error = pose.xy_heading[:, :2] - reference_xy
         error_m = np.hypot(error[:, 0], error[:, 1])
         squared += error_m * error_m
         worst = np.maximum(worst, error_m)
-    return OpenLoopErrors(np.sqrt(squared / steps), worst, error_m, off_line)
+    side = round(trajectory.duration_s / sides / STEP_S)
+    by_side = np.s_[: sides * side]
+    straight = speeds[by_side].reshape(sides, side, runs)[:, side // 2 :]
+    turned = np.ptp(headings[by_side].reshape(sides, side, runs), axis=1)
+    return OpenLoopErrors(
+        np.sqrt(squared / steps),
+        worst,
+        error_m,
+        off_line,
+        straight.mean(axis=(0, 1)),
+        turned.max(axis=0),
+    )
 
 
 def _distance_from_lines(xy: Array, corners: Array) -> Array:
@@ -298,7 +317,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     }
     jobs = [(name, at) for name in cases for at in range(0, runs[name], BATCH)]
     random = np.random.default_rng(args.seed)
-    errors = {name: _draw_errors(robot, random, used, runs[name]) for name, used in cases.items()}
+    errors = {name: drawn_errors(robot, random, used, runs[name]) for name, used in cases.items()}
     trajectory = unlimited_trajectory(Route(tracking.named_path("square")))
     found: dict[str, list[OpenLoopErrors]] = {name: [] for name in cases}
     for name, at in out.progress(jobs, "driving squares", len(jobs)):
@@ -360,9 +379,10 @@ def _variants(robot: SingularityDescription) -> dict[str, SingularityDescription
     return made
 
 
-def _draw_errors(
+def drawn_errors(
     robot: SingularityDescription, random: np.random.Generator, used: list[ErrorSource], runs: int
 ) -> ErrorSet:
+    """Draw the errors of `runs` robots from all sources `used`."""
     return reduce(add, (source.draw(robot, random, runs) for source in used))
 
 
@@ -404,12 +424,8 @@ def _draw_budget(
 
 
 def _flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--runs",
-        type=flags.whole(1),
-        default=10_000,
-        help="with all errors together; default 10,000; a tenth for one error, or a variant",
-    )
+    text = "with all errors together; default 10,000; a tenth for one error, or a variant"
+    flags.add(parser, "--runs", text, flags.whole(1), 10_000)
 
 
 EXPERIMENT = Experiment(

@@ -27,9 +27,8 @@ from tsd_twin.estimation import exponential_error
 from tsd_twin.estimation.consistency import FALSE_ALARM, chi_square_bound
 from tsd_twin.lie import SE2, Array, wrap
 from tsd_twin.messages.cdr import Odometry
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.pose import PoseStamped, encode_pose
-from tsd_twin.messages.topics import SENSOR_POSE
+from tsd_twin.messages.topics import SENSOR_POSE, Sample
 from tsd_twin.sensors.pose import Camera, CameraNoise, Frame, PoseSensor
 from tsd_twin.simulation import PLANTS, simulate
 

@@ -24,6 +24,7 @@ from research.open_loop import (
     drive,
     drives,
 )
+from research.sphere import SPHERE_MANOEUVRES, compare_sphere
 from tsd_twin import robots
 from tsd_twin.cli import experiment, flags
 from tsd_twin.cli.experiment import Experiment, Output
@@ -50,19 +51,28 @@ def cases(args: argparse.Namespace) -> list[Case]:
     made: list[Case] = []
     for name in args.robots:
         robot = robots.load_robot(name)
+        known: Iterable[str] = BY_NAME
         if robot.kinematics().pose_type is not SE2:
-            raise TwinError(f"{name} turns a sphere in place: it follows no manoeuvre")
-        for manoeuvre in args.manoeuvres or BY_NAME:
-            if manoeuvre not in BY_NAME:
-                raise TwinError(f"there is no manoeuvre '{manoeuvre}': {', '.join(BY_NAME)}")
+            known = SPHERE_MANOEUVRES
+        for manoeuvre in args.manoeuvres or known:
+            if manoeuvre not in known:
+                raise TwinError(f"{name} has no manoeuvre '{manoeuvre}': {', '.join(known)}")
             case = Case(name, manoeuvre, plant=args.plant, seeds=args.seeds, first=args.seed)
+            if known is SPHERE_MANOEUVRES:
+                made.append(replace(case, odometry=JOINTS, plant="kinematic"))
+                continue
             made.extend(case for case in _variants(case, robot) if _applies(case))
     wanted = args.sensors or [case.sensors for case in made]
     unknown = set(wanted) - {case.sensors for case in made}
     if unknown:
-        known = "; ".join(dict.fromkeys(case.sensors for case in made))
-        raise TwinError(f"none of these robots has the sensors '{min(unknown)}': {known}")
+        sensors = "; ".join(dict.fromkeys(case.sensors for case in made))
+        raise TwinError(f"none of these robots has the sensors '{min(unknown)}': {sensors}")
     return [case for case in made if case.sensors in wanted]
+
+
+def _turns(case: Case) -> bool:
+    """Return whether the robot turns a sphere in place."""
+    return robots.load_robot(case.robot).kinematics().pose_type is not SE2
 
 
 def _variants(case: Case, robot: RobotDescription) -> Iterable[Case]:
@@ -89,8 +99,11 @@ def _applies(case: Case) -> bool:
 def run(args: argparse.Namespace, out: Output) -> list[str]:
     """Consistency of estimates with their covariances: the NEES of many robots."""
     rows = cases(args)
-    made = drives(rows)
-    results = collected(rows, made, experiment.run_cases(drive, made, args.jobs, out))
+    spheres = [case for case in rows if case.manoeuvre in SPHERE_MANOEUVRES and _turns(case)]
+    driven = [case for case in rows if case not in spheres]
+    made = drives(driven)
+    results = collected(driven, made, experiment.run_cases(drive, made, args.jobs, out))
+    results += experiment.run_cases(compare_sphere, spheres, args.jobs, out)
     out.table("consistency", _columns(results))
     _draw(results, out)
     low, high = band(args.seeds)
@@ -185,9 +198,9 @@ def _flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--robots",
         nargs="+",
-        default=["tsd", "omni4", "kiwi", "mecanum"],
+        default=["tsd", "omni4", "kiwi", "mecanum", "atlas"],
         metavar="NAME|FILE",
-        help="default tsd omni4 kiwi mecanum",
+        help="default tsd omni4 kiwi mecanum atlas",
     )
     parser.add_argument(
         "--manoeuvres", nargs="+", metavar="NAME", help=f"of {', '.join(BY_NAME)}; default all"

@@ -19,13 +19,16 @@ from tsd_twin.cli.experiment import Experiment, Output
 from tsd_twin.client.virtual import PERIOD_S
 from tsd_twin.client.virtual_robot import VirtualRobot
 from tsd_twin.lie import SE2, Array
+from tsd_twin.messages.pose import PoseStamped, encode_pose
 from tsd_twin.messages.sentences import sentence
 from tsd_twin.messages.status import CommandStatus
+from tsd_twin.messages.topics import SENSOR_POSE, Sample
 from tsd_twin.motion import TwistLimiter
 from tsd_twin.motion.prediction import CommandDelay
 from tsd_twin.motion.routes import NavigationGoal
 from tsd_twin.motion.tracking import ExecutionPhase, ExecutionStep, TrajectoryExecutor
 from tsd_twin.motion.trajectory import plan
+from tsd_twin.sensors.pose import Camera
 from tsd_twin.simulation import SimRobot
 
 HELD = 2
@@ -47,9 +50,20 @@ class _DelayedState(NamedTuple):
 class LinkedRobot:
     """Robot in virtual time behind a link that delays commands and states by `delay_s` / 2 each."""
 
-    def __init__(self, name: str, delay_s: float = 0.0) -> None:
+    def __init__(
+        self,
+        name: str,
+        delay_s: float = 0.0,
+        *,
+        seed: int = 1,
+        errors: float = 0.0,
+        has_camera: bool = False,
+    ) -> None:
         self.robot = robots.load_robot(name)
-        self.virtual = VirtualRobot(self.robot, SimRobot(self.robot, seed=1))
+        simulated = SimRobot(self.robot, seed, errors, errors=errors)
+        self.virtual = VirtualRobot(self.robot, simulated)
+        noise = self.robot.pose_sensor.camera_noise()
+        self._camera = Camera(noise, np.random.default_rng([seed, 7])) if has_camera else None
         late = round(0.5 * delay_s / PERIOD_S)
         self._there = deque([(0, np.zeros(3))] * late, late + 1)
         self._back = deque([_DelayedState(self.seen, None)] * late, late + 1)
@@ -109,6 +123,20 @@ class LinkedRobot:
             self._counted = (seq, now_s)
         self.virtual.drive(arrived)
         self.way.append(self.virtual.truth.xy_heading)
+        if self._camera is not None:
+            self._send_frames(self._camera)
+
+    def _send_frames(self, camera: Camera) -> None:
+        """Send the processed frames of the camera to the robot."""
+        now_s = self.virtual.now_s
+        poses = [
+            PoseStamped.planar(SE2(frame.pose), round(frame.taken_s * 1e9))
+            for frame in camera.capture(now_s, self.virtual.truth)
+        ]
+        samples = [
+            Sample(SENSOR_POSE.key(self.robot.name), encode_pose(seen), b"") for seen in poses
+        ]
+        self.virtual.controller.add_pose_measurements(samples, now_s, round(now_s * 1e9))
 
     def rest(self) -> None:
         """Send zeros for a second, in which every robot comes to rest."""
@@ -138,6 +166,16 @@ class Case:
     is_measured: bool = True
     seeds: int = 20
     first: int = 0
+    errors: float = 0.0
+    """Scale of the errors and noise of the robot."""
+    has_camera: bool = False
+
+    @property
+    def sensing(self) -> str:
+        """Source of the estimate, for tables."""
+        if self.errors == 0.0:
+            return "exact odometry"
+        return "errors, camera" if self.has_camera else "errors, no camera"
 
 
 class Arrival(NamedTuple):
@@ -149,18 +187,26 @@ class Arrival(NamedTuple):
     beside_m: float
     """Maximum distance from the straight line."""
     off_m: float
-    """Final distance from the goal."""
+    """Final distance of the true position from the goal."""
+    off_by_estimate_m: float
+    """Final distance of the estimated position from the goal."""
     time_s: float
     reason: str
 
 
 def go(case: Case, seed: int) -> Arrival:
-    """Send a robot with exact odometry to a random place, with or without a random heading."""
+    """Send a robot to a random place, with or without a random heading."""
     random = np.random.default_rng([seed, 6])
     direction = random.uniform(-math.pi, math.pi)
     goal = random.uniform(0.8, 2.5) * np.array([math.cos(direction), math.sin(direction)])
     heading = random.uniform(-math.pi, math.pi) if seed % 2 else None
-    linked = LinkedRobot(case.robot, case.delay_s)
+    linked = LinkedRobot(
+        case.robot,
+        case.delay_s,
+        seed=1 if case.errors == 0.0 else seed,
+        errors=case.errors,
+        has_camera=case.has_camera,
+    )
     _, step = linked.follow(
         NavigationGoal(goal[None], heading),
         believed_s=case.believed_s,
@@ -176,6 +222,7 @@ def go(case: Case, seed: int) -> Arrival:
         float((way @ along).max() - np.hypot(*goal)),
         float(beside.max()),
         float(np.hypot(*(way[-1] - goal))),
+        float(np.hypot(*(linked.seen.xy_heading[:2] - goal))),
         time_s,
         sentence(step.why) if step.why else "",
     )
@@ -210,6 +257,8 @@ def cases(robot: str, seeds: int, first: int) -> list[Case]:
         *(make(robot, delay_s, delay_s) for delay_s in believed),
         *(make(robot, delay_s + UNKNOWN_S, delay_s) for delay_s in believed),
         make(robot, 0.1 + UNKNOWN_S, 0.1, is_measured=False),
+        make(robot, 0.3, 0.3, errors=1.0),
+        make(robot, 0.3, 0.3, errors=1.0, has_camera=True),
     ]
 
 
@@ -217,34 +266,39 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     """Drive to goals over a link whose delay is known or unknown at the start."""
     wanted = cases(args.robot, args.seeds, args.seed)
     rows = experiment.run_cases(_run_case, wanted, args.jobs, out)
-    numbers = ("has_arrived", "overshoot_m", "beside_m", "off_m", "time_s")
+    numbers = ("has_arrived", "overshoot_m", "beside_m", "off_m", "off_by_estimate_m", "time_s")
     columns: dict[str, Sequence[float | str]] = {
         "delay_s": [row.case.delay_s for row in rows for _ in row.arrivals],
         "believed_s": [row.case.believed_s for row in rows for _ in row.arrivals],
         "measured": [float(row.case.is_measured) for row in rows for _ in row.arrivals],
+        "errors": [row.case.errors for row in rows for _ in row.arrivals],
+        "camera": [float(row.case.has_camera) for row in rows for _ in row.arrivals],
     }
     columns |= {name: [value for row in rows for value in row.column(name)] for name in numbers}
     out.table("go_to", columns)
     _draw(rows, out)
     return [
-        f"{args.seeds} places, exact odometry; median / 95 of 100 / worst:",
+        f"{args.seeds} places; median / 95 of 100 / worst:",
         *_lines(rows),
     ]
 
 
 def _lines(rows: Sequence[_ArrivalResult]) -> list[str]:
     """Return the table in Markdown."""
-    head = ["delay, ms", "at first believed", "measured", "lost"]
-    head += ["overshoot, mm", "beside the line, mm", "time, s"]
+    head = ["delay, ms", "at first believed", "measured", "robot", "lost"]
+    head += ["overshoot, mm", "beside the line, mm", "off by the estimate, mm", "off in truth, mm"]
+    head += ["time, s"]
     lines: list[list[str]] = []
     for row in rows:
         case = row.case
         cells = [f"{1e3 * case.delay_s:.0f}", f"{1e3 * case.believed_s:.0f}"]
-        cells += ["yes" if case.is_measured else "no"]
+        cells += ["yes" if case.is_measured else "no", case.sensing]
         cells.append(str(sum(not arrival.has_arrived for arrival in row.arrivals)))
         for name, scale, digits in (
             ("overshoot_m", 1e3, 1),
             ("beside_m", 1e3, 0),
+            ("off_by_estimate_m", 1e3, 0),
+            ("off_m", 1e3, 0),
             ("time_s", 1.0, 2),
         ):
             cells.append(experiment.spread(scale * np.array(row.column(name)), digits))
@@ -259,7 +313,8 @@ def _draw(rows: Sequence[_ArrivalResult], out: Output) -> None:
     for i, row in enumerate(rows):
         case = row.case
         measured = "" if case.is_measured else ", not measured"
-        names.append(f"{1e3 * case.delay_s:.0f} ms\nfor {1e3 * case.believed_s:.0f}{measured}")
+        believed = f"{1e3 * case.delay_s:.0f} ms\nfor {1e3 * case.believed_s:.0f}{measured}"
+        names.append(believed if case.errors == 0.0 else f"{believed}\n{case.sensing}")
         overshoot = 1e3 * np.array(row.column("overshoot_m"))
         places = np.full(len(overshoot), float(i))
         axes.plot(places, overshoot, "o", color=experiment.SERIES_COLOURS[0], markersize=4)

@@ -21,9 +21,8 @@ from tsd_twin.control.state_estimator import StateEstimator
 from tsd_twin.estimation import exponential_error, heading_region_rad, position_region
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, Array
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.pose import PoseStamped, encode_pose
-from tsd_twin.messages.topics import SENSOR_POSE
+from tsd_twin.messages.topics import SENSOR_POSE, Sample
 from tsd_twin.robots import OmniDescription, RobotDescription, SingularityDescription
 from tsd_twin.sensors.gyro import Gyro
 from tsd_twin.sensors.pose import Camera, CameraNoise
@@ -133,6 +132,13 @@ def driven_setpoints(robot_name: str, manoeuvre_name: str, seconds: float) -> tu
     not depend on measurements.
     """
     robot, manoeuvre = robots.load_robot(robot_name), BY_NAME[manoeuvre_name]
+    return recorded_setpoints(robot, manoeuvre, seconds)
+
+
+def recorded_setpoints(
+    robot: RobotDescription, manoeuvre: Manoeuvre, seconds: float
+) -> tuple[Array, int]:
+    """Return the setpoints (p, n) as `driven_setpoints`, for any robot and manoeuvre."""
     recorder = _Recorder(robot)
     virtual = VirtualRobot(robot, recorder)
     start = len(recorder.setpoints)

@@ -72,7 +72,7 @@ SHARPNESS = """if (location.pathname.endsWith("/viewport/")) {
   address.searchParams.set("fixedDpr", "$");
   history.replaceState(null, "", address);
 }"""
-"""Script of the frame of the scene, which without a graphics card draws fewer pixels by itself."""
+"""Script of the scene's frame; without a GPU, viser would reduce the resolution."""
 FONTS = """<?xml version="1.0"?><!DOCTYPE fontconfig SYSTEM "fonts.dtd">
 <fontconfig><include>/etc/fonts/fonts.conf</include>
 <match target="pattern"><edit name="family" mode="prepend" binding="strong">

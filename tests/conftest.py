@@ -1,4 +1,4 @@
-"""What tests of several parts share."""
+"""Fixtures and hooks shared by all tests."""
 
 from __future__ import annotations
 
@@ -12,43 +12,43 @@ from hypothesis import settings
 from pytest_timeout import Settings, timeout_sigalrm
 
 from tests.support.marks import WRITTEN, all_marks, may_choose, possible_marks
-from tests.support.robot_node import RunningNode, running
+from tests.support.robot_node import QUICK, RunningNode, running
 from tests.support.slow_tests import is_long, listed, name_of, shared
 from tests.support.text_tests import NonsenseRun
 from tests.support.time_limits import TimeLimit
 from tests.support.withheld import WithheldTime, budget
 from tsd_twin.messages import codes
 
-settings.register_profile("unhurried", deadline=None)  # A busy machine is no failure.
+settings.register_profile("unhurried", deadline=None)  # A slow run is not a failure.
 settings.load_profile("unhurried")
 
 codes.checks = True  # A reason with a wrong parameter fails the test that makes it.
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the option that shows which tests read sentences."""
+    """Add `--nonsense`, which shows the tests that depend on texts."""
     parser.addoption(
         "--nonsense", action="store_true", help="replace the sentence of every code by nonsense"
     )
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """With `--nonsense`, only tests of texts may fail: no program reads sentences."""
+    """With `--nonsense`, only tests of texts may fail, because no program parses sentences."""
     if config.getoption("nonsense"):
         config.pluginmanager.register(NonsenseRun())
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Skip files none of whose tests the marks choose: to import all takes ten seconds."""
+    """Skip files without selected tests, because importing all takes 10 s."""
     expression = config.getoption("markexpr")
     if not expression or not collection_path.match("test_*.py"):
         return None
     return None if may_choose(expression, collection_path) else True
 
 
-@pytest.hookimpl(tryfirst=True)  # Before tests are chosen by their marks.
+@pytest.hookimpl(tryfirst=True)  # Before pytest selects tests by marks.
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run what is quick before what starts processes: a mistake shows sooner."""
+    """Run quick tests before those that start processes, so that errors show early."""
     slow = listed()
     for item in items:
         written = frozenset(mark for mark in WRITTEN if item.get_closest_marker(mark))
@@ -67,14 +67,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Take what is loaded now out of each search for garbage: that took 6 % of a run."""
+    """Exclude loaded objects from garbage collection, which took 6 % of a run."""
     gc.collect()
     gc.freeze()
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
-    """Let each failure of a test in real time say what the machine withheld from its processes."""
+    """Add the CPU time withheld from its processes to each failure of a real-time test."""
     if item.get_closest_marker("timed") is None:
         return (yield)
     with WithheldTime(os.getpid()):
@@ -83,7 +83,7 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_timeout_set_timer(item: pytest.Item, settings: Settings) -> bool:
-    """Count no time towards the limit of a test that the machine withheld from it."""
+    """Exclude withheld CPU time from the time limit of a test."""
     limit = TimeLimit(
         settings.timeout,
         lambda: timeout_sigalrm(item, settings),
@@ -94,7 +94,7 @@ def pytest_timeout_set_timer(item: pytest.Item, settings: Settings) -> bool:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Print for how long the machine withheld a processor from the processes under test."""
+    """Print the CPU time withheld from the processes under test."""
     for line in budget.lines():
         terminalreporter.write_line(line)
     if budget.excess:
@@ -103,7 +103,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 @pytest.hookimpl(trylast=True)
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Fail a run in which the machine withheld too much time to judge."""
+    """Fail a run if too much CPU time was withheld to judge the results."""
     if budget.excess:
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
@@ -115,6 +115,16 @@ def _order(item: pytest.Item) -> bool:
 
 @pytest.fixture
 def node() -> Generator[RunningNode]:
-    """A robot node with a simulated robot; `node.endpoint` says where it listens."""
+    """A robot node with a simulated robot, listening at `node.endpoint`.
+
+    It accepts commands up to 1 s old, so that a busy machine does not stop it.
+    """
     with running() as it:
+        yield it
+
+
+@pytest.fixture
+def quick_node() -> Generator[RunningNode]:
+    """One with the shipped command timeout."""
+    with running(toml=QUICK) as it:
         yield it

@@ -1,9 +1,10 @@
-"""Plant faults in our programs, and count how often tests in real time catch each one.
+"""Plant faults in the programs, and count how often real-time tests catch each one.
 
 `python -m tests.planted_faults [--runs 20] [--only quiet] [--plain] [FAULT ...]` runs the test of
-each fault with it, and without any, quiet and while a process spins on each processor. With
-`--plain` tests have the priority of those, else real time as in `scripts/run_tests`, if allowed.
-What would happen once a minute happens every two seconds, so that a test of some seconds meets it.
+each fault with it and without, on a quiet machine and with a busy process on each processor. With
+`--plain`, tests have the same priority as those processes, else real-time as in
+`scripts/run_tests`, if allowed. Rare events occur every 2 s, so that a test of some seconds
+includes them.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ HELD = "tests/system/test_faults.py::test_without_a_fault_a_held_stick_keeps_dri
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault, and the test that has to catch it."""
+    """A fault, and the test that must catch it."""
 
     name: str
     text: str
@@ -54,7 +55,7 @@ FAULTS = (
 
 
 def realtime() -> list[str]:
-    """Return the start of a command in real time; nothing if that is not allowed."""
+    """Return a command prefix for real-time priority, empty if not allowed."""
     command = ["chrt", "--rr", "2"]
     with contextlib.suppress(OSError):
         if subprocess.run([*command, "true"], capture_output=True, check=False).returncode == 0:
@@ -91,7 +92,7 @@ def fails(test: str, fault: str = "", start: Sequence[str] = ()) -> bool:
 
 @contextlib.contextmanager
 def load() -> Generator[None]:
-    """Let a process spin on each processor."""
+    """Run a busy process on each processor."""
     command = [sys.executable, "-c", "while True: pass"]
     spinning = [subprocess.Popen(command) for _ in os.sched_getaffinity(0)]
     try:
@@ -103,7 +104,7 @@ def load() -> Generator[None]:
 
 
 def count(test: str, fault: str, runs: int, start: Sequence[str], *, loaded: bool) -> str:
-    """Return how many runs of a test fail, as `3 of 20`."""
+    """Return the number of failures of a test, as `3 of 20`."""
     with load() if loaded else contextlib.nullcontext():
         failed = sum(fails(test, fault, start) for _ in range(runs))
     return f"{failed} of {runs}"
@@ -131,7 +132,7 @@ def main() -> None:
 
 
 def say(line: str) -> None:
-    """Print a line at once."""
+    """Print a line and flush."""
     print(line, flush=True)  # noqa: T201
 
 

@@ -1,4 +1,4 @@
-"""The measuring of stop distances in `attack` adds up what the robot does, and nothing else."""
+"""Stopping distances in `attack` are the sum of the robot's motion, and nothing else."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ def test_a_way_on_the_floor_is_as_long_as_it_is_whatever_the_heading() -> None:
 
 
 def test_the_way_of_a_sphere_is_that_of_its_top() -> None:
-    """A turn about Z moves the top nowhere, and is no rest either."""
+    """A turn about Z does not move the top, but is not rest either."""
     drive = robots.load_robot("atlas").kinematics()
     odometer, pose = Odometer(drive), SO3.identity()
     for tangent in [(0.1, 0.0, 0.0)] * 3 + [(0.0, 0.0, 0.1)] * 3:
         pose = SO3.exp(np.array(tangent)) @ pose
         way_m, speed_mps = odometer.update(pose, np.array([0.0, 0.0, 1.0]))
-    # The first pose is where it begins.
+    # The first pose is the start.
     assert way_m == pytest.approx(2 * 0.1 * drive.twist_scale_m, rel=1e-6)
     assert speed_mps > 0.0
 

@@ -1,4 +1,4 @@
-"""The wheel without extras: what a client is, in an environment that has nothing else."""
+"""The wheel without extras: the client in an environment without other packages."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ EXAMPLES = (
     "08_ask_for_control.py",
     "10_log_to_csv.py",
 )
-"""Those that need no extra to be type-checked."""
+"""Examples that type-check without extras."""
 EXTRAS = {
     "tsd-demo": "dashboard",
     "tsd-bridge": "bridge",
@@ -72,7 +72,7 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def required_by(wheel: metadata.Distribution) -> set[str]:
-    """Names of all packages that a distribution needs without extras."""
+    """Names of all packages that a distribution requires without extras."""
     found: set[str] = set()
     waiting = [wheel]
     while waiting:
@@ -86,7 +86,7 @@ def required_by(wheel: metadata.Distribution) -> set[str]:
 
 
 def install_copy(name: str, site: Path) -> None:
-    """Copy the files of an installed package, but for its scripts."""
+    """Copy the files of an installed package, except its scripts."""
     for file in metadata.distribution(name).files or []:
         if ".." not in file.parts:
             (site / file).parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Each error of the package can be raised in a worker and read by the process that waits for it."""
+"""Each error of the package can be raised in a worker and read by the waiting process."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ ARGUMENTS: dict[Any, st.SearchStrategy[Any]] = {
     Sequence[str]: st.lists(st.text(), min_size=1),
     str | Reason: st.text() | st.just(Reason("no_control")),
 }
-"""Strategies of types that need one of their own."""
+"""Strategies of types that need a specific one."""
 
 
 def error_types() -> list[type[TwinError]]:
-    """Return all errors that the source of the package defines."""
+    """Return all errors defined in the package source."""
     package = Path(tsd_twin.__file__).parent
     found: list[type[Exception]] = []
     for path in sorted(package.rglob("*.py")):
@@ -61,7 +61,7 @@ def test_an_error_keeps_its_text_its_attributes_and_its_notes(
 
 
 def refuse() -> None:
-    """Raise an error whose arguments are not those of its base class."""
+    """Raise an error whose arguments differ from its base class."""
     raise RequestRefused("lab1", "arm", "no control", Reason("no_control"))
 
 

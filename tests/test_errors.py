@@ -1,4 +1,4 @@
-"""The hint at a missing extra is a command that works where the program was installed."""
+"""The hint about a missing extra is a command for the environment of the program."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def test_in_a_checkout_it_is_installed_again_with_the_extra() -> None:
 
 
 def command_of(package: Path) -> list[str]:
-    """Return the command that a package gives which is first on the path, in another process."""
+    """Return the hinted command of a package that is first on the path of another process."""
     code = "from tsd_twin.errors import install_command; print(install_command('mujoco'))"
     flags = [sys.executable, "-S", "-c", code]
     printed = subprocess.run(

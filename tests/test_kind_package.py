@@ -1,6 +1,6 @@
-"""A kind of robot from another package: installed with the wheel, simulated, driven, and shown.
+"""A robot kind from another package: installed with the wheel, simulated, driven and shown.
 
-`examples/diffdrive` is such a package. Nothing of this checkout is on the path of the environment.
+`examples/diffdrive` is such a package. The checkout is not on the path of the environment.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def _environment() -> dict[str, str]:
 
 
 def _run(command: list[str], folder: Path, *, succeeds: bool = True) -> str:
-    """Return the output of a program that is started away from the checkout."""
+    """Return the output of a program started outside the checkout."""
     done = subprocess.run(
         [*AS_OTHERS, *command],
         cwd=folder, env=_environment(), capture_output=True, text=True, timeout=300,
@@ -42,7 +42,7 @@ def _run(command: list[str], folder: Path, *, succeeds: bool = True) -> str:
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The `bin` of a new environment with the wheel of this checkout, and its dependencies."""
+    """The `bin` of a new environment with the wheel of this checkout and its dependencies."""
     folder = tmp_path_factory.mktemp("environment")
     venv.create(folder)
     python = str(folder / "bin/python")
@@ -56,13 +56,13 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def installed(plain: Path) -> Path:
-    """The same environment, now with the package of the kind."""
+    """The same environment with the package of the kind."""
     _install(EXAMPLE, plain.parent)
     return plain
 
 
 def _install(source: Path, environment: Path) -> None:
-    """Build the wheel of a package and install it; it is built like any other."""
+    """Build and install the wheel of a package."""
     wheels = environment / f"dist-{source.name}"
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(wheels)]
     subprocess.run([*AS_OTHERS, *build], cwd=source, check=True, capture_output=True)
@@ -74,7 +74,7 @@ def _install(source: Path, environment: Path) -> None:
 
 @contextmanager
 def _started(program: Path, *flags: str) -> Iterator[str]:
-    """Start a program; yields its first line, and ends it by the end of its input."""
+    """Start a program; yield its first line, and end it by closing its input."""
     pipe = subprocess.PIPE
     with subprocess.Popen(
         [program, *flags, "--until-eof"],
@@ -153,7 +153,7 @@ def test_the_robot_of_the_package_is_simulated_estimated_and_drawn(installed: Pa
     assert shown["ahead"][0] == pytest.approx(0.46, abs=0.05)
     assert shown["ahead"][1] == pytest.approx(0.0, abs=1e-6)
     assert shown["heading_rad"] == pytest.approx(0.95, abs=0.1)
-    # No scale makes it drive sideways except zero; its event says so.
+    # Only a scale of zero removes sideways motion, which its event states.
     assert shown["sideways_m"] < 0.01
     assert shown["limited"]
     assert 2.0 < shown["nees"] < 4.5
@@ -209,6 +209,6 @@ def test_the_page_shows_the_panel_of_the_package(installed: Path) -> None:
 
 
 def _turns(page: Page) -> bool:
-    """Whether the robot has reached its twist."""
+    """Return whether the robot has reached its twist."""
     joints = page.state["joints"]
     return bool(joints) and joints[0]["value"] > 30.0 and joints[2]["setpoint"] is not None

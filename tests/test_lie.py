@@ -1,4 +1,4 @@
-"""The group axioms, and agreement with matrices that know nothing of our formulas."""
+"""Group axioms, and agreement with independent matrix formulas."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from tsd_twin.lie import SE2, SO3, Array, sinc, wrap
 unhurried = settings(deadline=None)
 
 DENORMAL = 1e-300
-"""Around here numbers themselves run out of digits."""
+"""Below this, floating-point numbers lose digits."""
 
 scales = st.sampled_from([1.0, 1.0, 0.1, 1e-4, 1e-7, 1e-9, 1e-12, 1e-200, 0.0])
-"""Of angles and lengths; half of them so small that a careless formula loses its digits."""
+"""Scales of angles and lengths; half are so small that a careless formula loses digits."""
 
 
 @st.composite
@@ -31,7 +31,7 @@ def tangents(draw: st.DrawFn, largest: float = 3.0) -> Array:
 
 @dataclass(frozen=True)
 class Group:
-    """A group, and the matrices that stand for its elements and tangents."""
+    """A group with the matrices of its elements and tangents."""
 
     cls: type
     matrix: Callable[..., Array]
@@ -58,13 +58,13 @@ def test_exp_is_the_matrix_exponential(group: Group, t: Array) -> None:
 @given(t=tangents())
 @example(t=np.array([1.0, -2.0, 3e-9]))
 def test_exp_of_se2_keeps_all_digits_of_small_motions(t: Array) -> None:
-    """Relative to the motion, also where 1 - cos has none left."""
+    """Relative to the motion, even where 1 - cos underflows."""
     motion = expm1(se2_hat(t))[:2, 2]
     length = np.hypot(t[0], t[1])
     np.testing.assert_allclose(
         SE2.exp(t).xy_heading[:2], motion, rtol=0, atol=1e-13 * length + DENORMAL
     )
-    # Sideways motion alone, seen relative to its own size: the term in half the angle.
+    # Sideways motion alone, relative to its own size, tests the half-angle term.
     forward = np.array([1.0, 0.0, t[2]])
     sideways = SE2.exp(forward).xy_heading[1]
     assert sideways == pytest.approx(expm1(se2_hat(forward))[1, 2], rel=1e-12, abs=DENORMAL)
@@ -86,7 +86,7 @@ def test_a_pose_plus_a_tangent_is_the_product_with_its_exponential(a: Array, b: 
     start, moved = SE2(a), SE2(a).plus(b)
     product = se2_matrix(start) @ (np.eye(3) + expm1(se2_hat(b)))
     np.testing.assert_allclose(se2_matrix(moved), product, rtol=0, atol=1e-13)
-    # Full turns are counted, and a batch is its members.
+    # Full turns are kept, and batches match their elements.
     assert moved.xy_heading[2] == a[2] + b[2]
     batch = start.plus(np.stack([b, -b])).xy_heading
     np.testing.assert_array_equal(batch, [moved.xy_heading, start.plus(-b).xy_heading])
@@ -130,7 +130,7 @@ def test_log_undoes_exp_within_half_a_turn(group: Group, t: Array) -> None:
 
 
 hairs = st.sampled_from([1e-3, 1e-6, 1e-9, 1e-12])
-"""By which an angle is short of half a turn."""
+"""Margin below half a turn."""
 
 
 @unhurried
@@ -167,7 +167,7 @@ def test_both_quaternions_of_a_rotation_have_one_log() -> None:
 
 @pytest.mark.parametrize("turns", [-3.3, -1.25, 1.5, 4.8])
 def test_headings_count_full_turns(turns: float) -> None:
-    """A robot that turned four times and a bit is not where it was after the bit."""
+    """A robot that turned four and a bit times differs from one that turned only the bit."""
     t = np.array([0.4, -0.1, turns * 2.0 * np.pi])
     pose = SE2.exp(t)
     assert pose.xy_heading[2] == t[2]
@@ -193,7 +193,7 @@ def test_points_and_vectors_are_mapped_as_by_the_matrix(t: Array, point: Array) 
 @unhurried
 @given(a=tangents(), b=tangents())
 def test_viser_agrees(a: Array, b: Array) -> None:
-    """Except for turns of 1e-10 to 1e-8, where its SE2.exp loses the term in half the angle."""
+    """Except for turns of 1e-10 to 1e-8, where its SE2.exp loses the half-angle term."""
     assume(all(abs(t[2]) == 0.0 or abs(t[2]) > 1e-6 for t in (a, b)))
     pose = vtf.SE2.exp(a) @ vtf.SE2.exp(b).inverse()
     ours = SE2.exp(a) @ SE2.exp(b).inverse()

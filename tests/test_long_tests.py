@@ -1,4 +1,4 @@
-"""`make test-long` runs what `make test` leaves out, and the list names no test that is gone."""
+"""`make test-long` runs the tests that `make test` skips, and the list has no stale names."""
 
 from __future__ import annotations
 

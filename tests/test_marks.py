@@ -1,4 +1,4 @@
-"""A run skips the files of which its marks choose no test, and no others."""
+"""A run skips exactly the files without a test selected by its marks."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LANES = re.findall(
     r'"((?:not )?(?:timed|busy|programs)[a-z() ]*)"',
     (TESTS.parent / "scripts/run_tests").read_text("utf-8"),
 )
-"""What `scripts/run_tests` runs side by side."""
+"""Selections that `scripts/run_tests` runs in parallel."""
 QUICK = "not timed and (not slow or shared)"
 WAITING = "timed and not busy and not programs"
 ALL = "pytestmark = [pytest.mark.system, pytest.mark.busy]\n\n"

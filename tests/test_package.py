@@ -1,4 +1,4 @@
-"""What is built is whole: nothing that the programs need stays behind in the checkout."""
+"""The built package is complete: programs need no file of the checkout."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_the_wheel_has_programs_robots_page_and_meshes(wheel_through_sdist: Path
 def test_what_the_wheel_holds_finds_its_own_files(
     wheel_through_sdist: Path, tmp_path: Path
 ) -> None:
-    """Unpacked far from the checkout, and first on the path, it needs nothing of the checkout."""
+    """Unpacked elsewhere and first on the path, it needs no file of the checkout."""
     shutil.unpack_archive(wheel_through_sdist, tmp_path, "zip")
     code = (
         "from tsd_twin import models, robots; import tsd_twin;"
@@ -94,11 +94,10 @@ def test_what_the_wheel_holds_finds_its_own_files(
 
 @pytest.fixture(scope="module")
 def installed(wheel_through_sdist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The `bin` of a new environment with the wheel, which shares the dependencies of this one.
+    """The `bin` of a new environment with the wheel, sharing the dependencies of this one.
 
-    They are put on the path as a folder, whose `.pth` files do not count: the editable install of
-    the checkout, which is one of these, is not seen. That the dependencies named in the wheel
-    suffice is not shown.
+    They are added to the path as a folder, whose `.pth` files are ignored, so the editable install
+    of the checkout there is not visible. The wheel's dependencies are not shown to suffice.
     """
     folder = tmp_path_factory.mktemp("environment")
     venv.create(folder)
@@ -108,14 +107,14 @@ def installed(wheel_through_sdist: Path, tmp_path_factory: pytest.TempPathFactor
     )
     ours = Path(sysconfig.get_path("purelib"))
     (Path(answer.strip()) / "dependencies.pth").write_text(f"{ours}\n", "utf-8")
-    # Without --ignore-installed it would take the checkout for the one that is to be replaced.
+    # Without --ignore-installed it would replace the checkout.
     flags = ["--no-deps", "--no-index", "--ignore-installed"]
     _run([*pip_into(python), "install", *flags, str(wheel_through_sdist)], folder)
     return folder / "bin"
 
 
 def _run(command: list[str], folder: Path) -> str:
-    """Return the output of a program that is started outside the checkout."""
+    """Return the output of a program started outside the checkout."""
     done = run_outside(command, folder)
     assert done.returncode == 0, done.stderr
     return done.stdout
@@ -132,7 +131,7 @@ with tsd_twin.connect() as robot, robot.control("script") as base:
 
 @pytest.mark.system
 def test_a_type_checker_reads_the_types_of_the_wheel(installed: Path, tmp_path: Path) -> None:
-    """Examples have no errors, and two mistakes are found, with the package as it is installed."""
+    """With the installed package, examples have no errors, and two mistakes are found."""
     for name in ("01_drive.py", "02_go_to.py", "08_ask_for_control.py"):
         shutil.copy(ROOT / "examples" / name, tmp_path)
     (tmp_path / "wrong.py").write_text(WRONG, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""`import tsd_twin` offers what its `__all__` says, and each name is what the package has."""
+"""`import tsd_twin` exports exactly the names in its `__all__`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`make quick` leaves out the tests that are listed as slow, and no list of what is gone."""
+"""`make quick` skips the tests listed as slow, and the list has no stale names."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.support.slow_tests import LIMIT_S, TESTS, listed, name_of, slow
 def test_every_listed_test_is_there(file: str) -> None:
     text = (TESTS / file).read_text("utf-8")
     names = [name.split("::")[-1] for name in listed() if name.startswith(f"{file}::")]
-    # A state machine of Hypothesis is a class, whose test gets its name from there.
+    # Hypothesis names the test of a state machine after its class.
     missing = [name for name in names if f"def {name}(" not in text and name != "runTest"]
     assert not missing
 

@@ -1,4 +1,4 @@
-"""Time limits count the time of a test, not that of others on the machine."""
+"""Time limits exclude time used by other programs on the machine."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SPIN = "while True: pass"
 
 
 class ReachedError(Exception):
-    """Limit of a test."""
+    """Raised at the limit of a test."""
 
 
 def reach() -> None:
@@ -58,7 +58,7 @@ def test_deadlock_without_processor_time_ends_as_well() -> None:
 
 
 def test_withheld_time_of_children_is_not_used() -> None:
-    """Three on one processor wait for it twice as long as passes, together."""
+    """Three processes on one processor together wait twice the elapsed time."""
     cpu = max(os.sched_getaffinity(0))
     command = ["chrt", "--other", "0", sys.executable, "-c", SPIN]
     children = [

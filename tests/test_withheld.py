@@ -1,4 +1,4 @@
-"""Withheld time is what others take of a processor, and nothing that a program does itself."""
+"""Withheld time is processor time taken by other programs, excluding the program's own waits."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ COMPUTED_S = 0.05
 
 @contextlib.contextmanager
 def process(text: str, cpu: int) -> Generator[int]:
-    """A program on one processor, once it has printed a line."""
+    """A program pinned to one processor, after it has printed a line."""
     command = ["chrt", "--other", "0", sys.executable, "-c", text]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, preexec_fn=lambda: os.sched_setaffinity(0, {cpu})
@@ -54,7 +54,7 @@ def test_a_competitor_for_the_processor_withholds_half_of_it(cpu: int) -> None:
         began_s, before_s = time.monotonic(), ran_s(pid)
         time.sleep(WATCHED_S)
         took_s, used_s = time.monotonic() - began_s, ran_s(pid) - before_s
-    # Others may be on the processor too: then it is more, and always all that it did not run.
+    # Other programs may add to it; in any case, withheld and used time sum up to the total.
     assert withheld.total_s > 0.4 * took_s
     assert withheld.total_s + used_s == pytest.approx(took_s, abs=0.1 * took_s)
 
@@ -75,7 +75,7 @@ def test_a_stopped_process_is_not_ready_to_run(cpu: int) -> None:
     """A test that stops a process causes a fault, whose consequences are not excused."""
     with process(SPIN, cpu) as pid:
         os.kill(pid, signal.SIGSTOP)
-        os.waitpid(pid, os.WUNTRACED)  # It has to run once more to stop.
+        os.waitpid(pid, os.WUNTRACED)  # It must run once more to stop.
         with WithheldTime(pid) as withheld, process(SPIN, cpu):
             time.sleep(WATCHED_S)
         assert withheld.total_s < 0.1 * WATCHED_S
@@ -83,7 +83,7 @@ def test_a_stopped_process_is_not_ready_to_run(cpu: int) -> None:
 
 @contextlib.contextmanager
 def before_all_others() -> Generator[None]:
-    """Let this thread and those it starts run before all others; skip if that is not allowed."""
+    """Give this thread and its children priority over all others; skip if not allowed."""
     policy, priority = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(ROBOT + 1))
@@ -114,7 +114,7 @@ def test_a_thread_that_waits_for_the_interpreter_is_no_excuse() -> None:
         ended.set()
         for thread in threads:
             thread.join()
-    # Each of three had a third of the interpreter, and waited for it during the rest.
+    # Each of three threads had a third of the interpreter, and waited the rest of the time.
     assert took_s > 1.5 * COMPUTED_S
     assert together.total_s < 0.3 * took_s
 

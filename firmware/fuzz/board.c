@@ -94,6 +94,7 @@ static void set_up(void) {
   control_table_t wanted = first;
   uint8_t *block = (uint8_t *)&wanted + CT_SETUP;
   wanted.receiver_kind = draw(16) == 0;
+  wanted.wheel_sensor = draw(4) ? 0 : 1 + draw(2);
   if (draw(3) == 0) block[draw(CT_SETUP_SIZE)] = (uint8_t)draw(256);
   memcpy(wanted.pulse_low, first.pulse_low, sizeof wanted.pulse_low);  // For the check in `main`.
   write_block(CT_SETUP, block, CT_SETUP_SIZE);
@@ -129,6 +130,13 @@ static void radio(void) {
   board_radio(board, bytes, count, draw(8) ? 0 : (uint8_t)draw(256));
 }
 
+static void telemetry(void) {
+  uint8_t bytes[LONGEST];
+  uint32_t count = draw(2) ? 10 : draw(LONGEST);
+  for (uint32_t i = 0; i < count; i++) bytes[i] = draw_byte();
+  board_telemetry(board, draw(CT_ESCS), bytes, count, draw(8) == 0);
+}
+
 static void act(void) {
   switch (draw(40)) {
     case 0:
@@ -148,6 +156,12 @@ static void act(void) {
       break;
     case 7:
       board_sbus(board, draw(8) == 0, draw(8) ? 0 : (uint8_t)draw(256));
+      break;
+    case 9:
+      board_set_wheel(board, draw(CT_ESCS), draw(4) ? 16000 + draw(160000) : draw(2000));
+      break;
+    case 10:
+      telemetry();
       break;
     case 8:
       board_parallel_rc(board, 1 + draw(320000));

@@ -1,4 +1,4 @@
-// Fuzzer of the parsers for packets from the PC and servo responses. Compiled for the PC with the
+// Fuzzer of the parsers for packets from the PC, servo responses and telemetry of speed controllers. Compiled for the PC with the
 // address and undefined-behaviour sanitizers: `make fuzz`, then `build/fuzz SEED ROUNDS`. Any error
 // ends it.
 #include <stdio.h>
@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "crc16.h"
+#include "esc_telemetry.h"
 #include "packet.h"
 #include "servo.h"
 #include "table.h"
@@ -128,6 +129,43 @@ static void fuzz_report(void) {
   demand(reply == REPLY_OK && fuzz_answer(&PROTOCOL_2, &report), "an answer that is not understood");
 }
 
+// Telemetry at a constant speed, with changed, missing and additional bytes and pauses: no other speed.
+static void fuzz_telemetry(void) {
+  static const uint8_t PACKET[] = {35, 0x05, 0x78, 0, 250, 0, 7, 0x01, 0x2c, 0x17};
+  static esc_telemetry_t line;
+  static uint16_t now_ms;
+  uint16_t speed = 0, speeds = 0;
+  esc_telemetry_clear(&line);
+  for (uint32_t packet = 0; packet < 20; packet++) {
+    for (uint32_t i = 0; i < sizeof PACKET; i++) {
+      uint8_t byte = draw(20) ? PACKET[i] : draw_byte();
+      if (draw(100) == 0) now_ms += draw(5);
+      for (uint32_t times = draw(50) ? 1 : draw(3); times; times--) {
+        if (!esc_telemetry_push(&line, byte, draw(100) == 0, now_ms, &speed)) continue;
+        demand(speed == 300, "a speed from broken packets");
+        speeds++;
+      }
+    }
+    now_ms += draw(10) ? 29 : draw(100);
+  }
+  now_ms += 30;
+  for (uint32_t i = 0; i < 3 * sizeof PACKET; i++) {
+    if (i % sizeof PACKET == 0) now_ms += 30;
+    speeds = esc_telemetry_push(&line, PACKET[i % sizeof PACKET], false, now_ms, &speed);
+  }
+  demand(speeds && speed == 300, "telemetry that is not understood");
+}
+
+// Bytes without a meaning, with pauses as between packets: 40 of them have a correct sum.
+static void fuzz_noise(void) {
+  esc_telemetry_t line = {0};
+  uint16_t speed = 0;
+  for (uint16_t i = 0; i < 10000; i++) {
+    bool whole = esc_telemetry_push(&line, (uint8_t)draw(256), false, i / 10 * 30, &speed);
+    demand(!whole, "a speed from noise");
+  }
+}
+
 int main(int count, char **arguments) {
   if (count != 3) return 2;
   state = (uint32_t)strtoul(arguments[1], NULL, 10) * 2654435761U + 1U;
@@ -139,6 +177,8 @@ int main(int count, char **arguments) {
     fuzz_servo(&PROTOCOL_1);
     fuzz_servo(&PROTOCOL_2);
     fuzz_report();
+    fuzz_telemetry();
+    if (i % 100 == 0) fuzz_noise();
   }
   return 0;
 }

@@ -27,6 +27,7 @@
 #define PULSE_PERIOD MS(20)
 #define HOST_BYTE (10ULL * 8 * (BAUD_REGISTER(HOST_BAUD) + 1))
 #define RADIO_BYTE (12 * US(10))
+#define TELEMETRY_BYTE (10 * F_CPU / 115200)
 #define BUS_BYTE (10ULL * 8 * (BAUD_REGISTER(SERVO_BAUD) + 1))
 
 typedef struct {
@@ -39,9 +40,20 @@ typedef struct {
   bool wanted, wanted_before;
 } pulse_t;
 
+typedef struct {
+  uint64_t period, due, extra_due;
+  uint8_t lost, extra;
+} wheel_t;
+
+typedef struct {
+  queue_t bytes;
+  uint64_t ends;  // Time when the next byte is complete.
+  bool broken;
+} wire_t;
+
 enum {
   TICK, HOST_IN, HOST_OUT, BUS_IN, BUS_OUT, RECEIVER, RADIO_IN, RADIO_FRAMES, RISE, FALL,
-  WATCHDOG = FALL + CT_ESCS, FREE, EVENTS
+  WATCHDOG = FALL + CT_ESCS, FREE, WHEELS, EVENTS
 };
 
 static struct {
@@ -72,6 +84,10 @@ static struct {
   uint8_t sbus_flags, radio_byte, radio_errors;
   queue_t to_radio;
   uint64_t rc_frame, rc_rise[CT_RC_CHANNELS], rc_fall[CT_RC_CHANNELS];
+  // Wheel sensors.
+  wheel_t wheel[CT_ESCS];
+  wire_t wire[CT_ESCS];
+  uint32_t random;
   // The converter and the EEPROM.
   uint32_t input_mv[2], supply_mv, sampled_mv;
   hal_adc_t sampled_input;
@@ -329,6 +345,55 @@ static void begin_pulses(uint64_t after) {
   board.due[RECEIVER] = board.rc_frame = board.now + after;
 }
 
+// The wheel sensors. Pulses are determined when the firmware looks at their flags.
+uint16_t hal_wheels_next(void) {
+  board.due[WHEELS] = board.now + US(HAL_WHEEL_US);
+  return hal_half_us();
+}
+
+void hal_wheels_start(void) { hal_wheels_next(); }
+void hal_wheels_stop(void) { board.due[WHEELS] = NEVER; }
+
+static uint32_t draw(uint32_t below) {
+  board.random = board.random * 1664525U + 1013904223U;
+  return (uint32_t)((uint64_t)board.random * below >> 32);
+}
+
+static bool pulsed(wheel_t *wheel) {
+  bool pulse = wheel->extra_due <= board.now;
+  if (pulse) wheel->extra_due = NEVER;
+  while (wheel->period && wheel->due <= board.now) {
+    if (draw(256) >= wheel->lost) pulse = true;
+    if (draw(256) < wheel->extra) wheel->extra_due = wheel->due + draw((uint32_t)wheel->period);
+    wheel->due += wheel->period;
+  }
+  return pulse;
+}
+
+uint8_t hal_wheels_take(void) {
+  uint8_t heard = 0;
+  for (int i = 0; i < CT_ESCS; i++) {
+    if (pulsed(&board.wheel[i])) heard |= (uint8_t)(1 << i);
+  }
+  return heard;
+}
+
+// Their telemetry, which arrives while the firmware waits for the next interrupt.
+void hal_telemetry_start(void) {
+  for (int i = 0; i < CT_ESCS; i++) board.wire[i].bytes.tail = board.wire[i].bytes.head;
+  hal_wheels_next();
+}
+
+void hal_telemetry_stop(void) { board.due[WHEELS] = NEVER; }
+
+int16_t hal_telemetry_take(uint8_t i) {
+  wire_t *wire = &board.wire[i];
+  uint8_t byte;
+  if (wire->ends > board.now || !queue_take(&wire->bytes, &byte)) return -1;
+  wire->ends += TELEMETRY_BYTE;
+  return (int16_t)(byte | (wire->broken ? HAL_TELEMETRY_BROKEN : 0));
+}
+
 // The converter, the EEPROM, the watchdog, the light.
 #define BANDGAP_MV 1100
 #define NO_WIRE UINT32_MAX
@@ -363,7 +428,9 @@ bool hal_eeprom_ready(void) { return board.now >= board.storing_ends; }
 void hal_eeprom_write(uint16_t address, uint8_t byte) {
   if (board.eeprom[address % EEPROM_SIZE] == byte) return;
   board.eeprom[address % EEPROM_SIZE] = byte;
-  board.storing_ends = board.now + STORING;
+  uint64_t from = board.now;
+  if (board.interrupts && !hal_eeprom_ready()) from = board.due[FREE] = board.storing_ends;
+  board.storing_ends = from + STORING;
 }
 
 void hal_watchdog_start(void) { board.due[WATCHDOG] = board.now + MS(HAL_WATCHDOG_MS); }
@@ -445,6 +512,10 @@ static void happen(int event) {
       break;
     case FREE:
       board.due[FREE] = NEVER;
+      break;
+    case WHEELS:
+      board.due[WHEELS] = NEVER;
+      if (runs()) hal_interrupt_wheels();
       break;
     default:
       fall((uint8_t)(event - FALL));
@@ -583,6 +654,34 @@ void board_radio(void *it, const uint8_t *bytes, uint32_t count, uint8_t errors)
   board.radio_errors = errors;
   queue_put(&board.to_radio, bytes, count);
   if (board.due[RADIO_IN] == NEVER) board.due[RADIO_IN] = board.now + 1;
+}
+
+void board_set_wheel(void *it, uint32_t index, uint32_t period) {
+  (void)it;
+  wheel_t *wheel = &board.wheel[index];
+  if (!wheel->period) {
+    wheel->due = board.now + period;
+    wheel->extra_due = NEVER;
+  } else if (wheel->due > board.now) {
+    wheel->due = board.now + (wheel->due - board.now) * period / wheel->period;
+  } else {
+    // This pulse has not been seen yet.
+  }
+  wheel->period = period;
+}
+
+void board_disturb_wheel(void *it, uint32_t index, uint8_t lost, uint8_t extra) {
+  (void)it;
+  board.wheel[index].lost = lost;
+  board.wheel[index].extra = extra;
+}
+
+void board_telemetry(void *it, uint32_t index, const uint8_t *bytes, uint32_t count, bool broken) {
+  (void)it;
+  wire_t *wire = &board.wire[index];
+  if (wire->bytes.head == wire->bytes.tail) wire->ends = board.now + TELEMETRY_BYTE;
+  wire->broken = broken;
+  queue_put(&wire->bytes, bytes, count);
 }
 
 void board_parallel_rc(void *it, uint32_t cycles) {

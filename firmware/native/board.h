@@ -61,6 +61,14 @@ void board_set_rc(void *board, const uint32_t *us);
 void board_sbus(void *board, bool on, uint8_t flags);
 void board_radio(void *board, const uint8_t *bytes, uint32_t count, uint8_t errors);
 
+// A wheel sensor gives a pulse per `period` cycles, or none if it is 0; `lost` in 256 pulses are
+// missing, and `extra` in 256 are followed by another at a random time before the next.
+void board_set_wheel(void *board, uint32_t index, uint32_t period);
+void board_disturb_wheel(void *board, uint32_t index, uint8_t lost, uint8_t extra);
+
+// Sends bytes on the telemetry wire of a speed controller, `broken` without stop bits.
+void board_telemetry(void *board, uint32_t index, const uint8_t *bytes, uint32_t count, bool broken);
+
 // Starts the pulses of all channels simultaneously, first after `cycles`.
 void board_parallel_rc(void *board, uint32_t cycles);
 void board_set_adc(void *board, uint32_t channel, uint32_t millivolts);

@@ -9,6 +9,7 @@
 #include "registers.h"
 
 #define PIN_BUS_DIRECTION 6u
+#define PIN_WHEEL 13u     // To 15.
 #define PIN_RECEIVER 16u  // To 21.
 #define PIN_RADIO 22u
 #define PIN_LIGHT 25u
@@ -46,9 +47,10 @@ void hal_clock_start(void) {
   REGISTER(PWM(SLICE_CLOCK) + PWM_TOP) = 0xffff;
   REGISTER(PWM(SLICE_CLOCK)) = 1;
   // Edges of the receiver are timed when their interrupt runs, and the bus is released by the timer's:
-  // neither waits for the UARTs, which fill a buffer in 30 us. The tick, which serves the flash,
-  // waits for all.
+  // neither waits for the UARTs, which fill a buffer in 30 us. The wheel sensors wait for these, and the
+  // tick, which serves the flash, for all.
   REGISTER(NVIC_PRIORITY(IRQ_UART0)) = 0x4040u;
+  REGISTER(NVIC_PRIORITY(IRQ_TIMER1)) = 0x8000u;
   REGISTER(SYSTICK_PRIORITY) = 3u << 30;
   REGISTER(SYSTICK + 4u) = HZ / 1000u - 1u;
   REGISTER(SYSTICK + 8u) = 0;
@@ -149,7 +151,7 @@ void hal_bus_start(void) {
   use_pin(PINS_UART[3], FUNCTION_UART, PAD_PULL_UP);
   start_uart(UART1, DIVISOR(SERVO_BAUD));
   hal_bus_mode(BUS_LISTENING);
-  REGISTER(TIMER_INTE) = BIT(0);
+  SET(TIMER_INTE) = BIT(0);
   REGISTER(NVIC_ENABLE) = BIT(IRQ_UART1) | BIT(IRQ_TIMER0);
 }
 
@@ -222,10 +224,10 @@ void hal_receiver_start(void) {
   REGISTER(EDGE_INTERRUPTS_16_TO_23) = 0xccccccu;
   use_pin(PIN_RADIO, FUNCTION_PIO0 | INVERT_INPUT, PAD_PULL_DOWN);
   for (uint32_t i = 0; i < sizeof RADIO_PROGRAM / 2u; i++) REGISTER(PIO_MEMORY(i)) = RADIO_PROGRAM[i];
-  REGISTER(PIO_SM0) = HZ / (RADIO_BAUD * RADIO_BIT_CYCLES) << 16;
-  REGISTER(PIO_SM0 + 0x04u) = 4u << 12;             // Wrap after the fifth instruction.
-  REGISTER(PIO_SM0 + 0x08u) = BIT(31) | BIT(18);    // Buffer of eight, shift right.
-  REGISTER(PIO_SM0 + 0x14u) = PIN_RADIO << 15;
+  REGISTER(PIO_SM(0u)) = HZ / (RADIO_BAUD * RADIO_BIT_CYCLES) << 16;
+  REGISTER(PIO_SM(0u) + 0x04u) = 4u << 12;             // Wrap after the fifth instruction.
+  REGISTER(PIO_SM(0u) + 0x08u) = BIT(31) | BIT(18);    // Buffer of eight, shift right.
+  REGISTER(PIO_SM(0u) + 0x14u) = PIN_RADIO << 15;
   REGISTER(PIO_INTE) = BIT(0);
   SET(PIO0) = BIT(0);
   REGISTER(NVIC_ENABLE) = BIT(IRQ_PINS) | BIT(IRQ_PIO0);
@@ -238,8 +240,90 @@ static void on_pins(void) {
   hal_interrupt_receiver();
 }
 
+// Falling edges of the wheel sensors, which the chip keeps.
+#define EDGE_DOWN(i) BIT(4u * (PIN_WHEEL - 8u + (i)) + 2u)
+#define WHEEL_EDGES (EDGE_DOWN(0u) | EDGE_DOWN(1u) | EDGE_DOWN(2u))
+
+uint16_t hal_wheels_next(void) {
+  REGISTER(TIMER_ALARM1) = REGISTER(TIMER_RAW) + HAL_WHEEL_US;
+  return hal_half_us();
+}
+
+uint8_t hal_wheels_take(void) {
+  uint32_t edges = REGISTER(EDGES_8_TO_15) & WHEEL_EDGES;
+  REGISTER(EDGES_8_TO_15) = edges;
+  uint8_t wheels = 0;
+  for (uint32_t i = 0; i < 3u; i++) {
+    if (edges & EDGE_DOWN(i)) wheels |= BIT(i);
+  }
+  return wheels;
+}
+
+void hal_wheels_start(void) {
+  for (uint32_t i = 0; i < 3u; i++) use_pin(PIN_WHEEL + i, FUNCTION_SIO, PAD_PULL_UP);
+  (void)hal_wheels_take();
+  SET(TIMER_INTE) = BIT(1);
+  REGISTER(NVIC_ENABLE) = BIT(IRQ_TIMER1);
+  (void)hal_wheels_next();
+}
+
+void hal_wheels_stop(void) { CLEAR(TIMER_INTE) = BIT(1); }
+
+// Telemetry of the speed controllers, at the same pins, without a pause between bytes: state machines 1 to 3
+// of PIO0 wait for the next start bit a quarter of a bit after the middle of the stop bit. Their buffers
+// hold eight bytes, 690 us, until they are taken.
+static const uint16_t TELEMETRY_PROGRAM[] = {
+    0x2020,  // wait 0 pin 0
+    0xe927,  // set x, 7 [9]
+    0x4001,  // in pins, 1
+    0x0647,  // jmp x-- 7 [6]
+    0x4001,  // in pins, 1
+    0x8000,  // push noblock
+};
+#define TELEMETRY_AT 5u  // Behind the program for SBUS.
+#define TELEMETRY_CYCLES (115200u * 8u)
+#define TELEMETRY_MACHINES (BIT(1) | BIT(2) | BIT(3))
+
+void hal_telemetry_start(void) {
+  for (uint32_t i = 0; i < sizeof TELEMETRY_PROGRAM / 2u; i++) {
+    REGISTER(PIO_MEMORY(TELEMETRY_AT + i)) = TELEMETRY_PROGRAM[i];
+  }
+  for (uint32_t i = 0; i < 3u; i++) {
+    uint32_t machine = PIO_SM(1u + i);
+    use_pin(PIN_WHEEL + i, FUNCTION_SIO, PAD_PULL_UP);
+    REGISTER(machine) = HZ / TELEMETRY_CYCLES << 16 | (HZ % TELEMETRY_CYCLES * 256u / TELEMETRY_CYCLES) << 8;
+    REGISTER(machine + 0x04u) = (TELEMETRY_AT + 5u) << 12 | TELEMETRY_AT << 7;
+    REGISTER(machine + 0x08u) = BIT(31) | BIT(18);  // Buffer of eight, shift right.
+    REGISTER(machine + 0x14u) = (PIN_WHEEL + i) << 15;
+    REGISTER(machine + 0x10u) = TELEMETRY_AT;  // Jump there.
+    while (hal_telemetry_take(i) >= 0) {
+    }
+  }
+  SET(PIO0) = TELEMETRY_MACHINES;
+  SET(TIMER_INTE) = BIT(1);
+  REGISTER(NVIC_ENABLE) = BIT(IRQ_TIMER1);
+  (void)hal_wheels_next();
+}
+
+void hal_telemetry_stop(void) {
+  CLEAR(TIMER_INTE) = BIT(1);
+  CLEAR(PIO0) = TELEMETRY_MACHINES;
+}
+
+int16_t hal_telemetry_take(uint8_t i) {
+  if (REGISTER(PIO_FSTAT) & BIT(9u + i)) return -1;
+  uint32_t bits = REGISTER(PIO_RXF(1u + i)) >> 23;
+  bool stop = bits & BIT(8);
+  return (bits & 0xffu) | (stop ? 0u : HAL_TELEMETRY_BROKEN);
+}
+
+static void on_timer1(void) {
+  REGISTER(TIMER_INTR) = BIT(1);
+  hal_interrupt_wheels();
+}
+
 uint8_t hal_radio_flags(void) {
-  radio_received = REGISTER(PIO_RXF0) >> 22;
+  radio_received = REGISTER(PIO_RXF(0u)) >> 22;
   uint32_t ones = radio_received & 0x1ffu;
   ones ^= ones >> 4 ^ ones >> 8;
   bool odd = 0x6996u >> (ones & 0xfu) & 1u;
@@ -353,6 +437,7 @@ __attribute__((section(".vectors"), used)) static const vector_t VECTORS[16 + 26
     [0] = (vector_t)__stack, [1] = start,  [2] = hang,
     [3] = hang,              [11] = hang,  [14] = hang,
     [15] = on_tick,          [16 + IRQ_TIMER0] = on_timer0,
+    [16 + IRQ_TIMER1] = on_timer1,
     [16 + IRQ_PIO0] = on_pio0, [16 + IRQ_PINS] = on_pins,
     [16 + IRQ_UART0] = on_uart0, [16 + IRQ_UART1] = on_uart1,
 };

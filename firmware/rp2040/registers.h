@@ -23,6 +23,7 @@
 #define PSM_WDSEL (0x40010000u + 0x08u)
 #define IO_BANK0 0x40014000u
 #define PIN_CTRL(pin) (IO_BANK0 + 0x04u + 8u * (pin))
+#define EDGES_8_TO_15 (IO_BANK0 + 0xf4u)
 #define EDGES_16_TO_23 (IO_BANK0 + 0xf8u)
 #define EDGE_INTERRUPTS_16_TO_23 (IO_BANK0 + 0x108u)
 #define FUNCTION_UART 2u
@@ -65,6 +66,7 @@
 #define PWM_TOP 0x10u
 #define TIMER 0x40054000u
 #define TIMER_ALARM0 (TIMER + 0x10u)
+#define TIMER_ALARM1 (TIMER + 0x14u)
 #define TIMER_RAW (TIMER + 0x28u)
 #define TIMER_INTR (TIMER + 0x34u)
 #define TIMER_INTE (TIMER + 0x38u)
@@ -75,9 +77,9 @@
 #define CHIP_RESET (0x40064000u + 0x08u)
 #define PIO0 0x50200000u
 #define PIO_FSTAT (PIO0 + 0x04u)
-#define PIO_RXF0 (PIO0 + 0x20u)
+#define PIO_RXF(machine) (PIO0 + 0x20u + 4u * (machine))
 #define PIO_MEMORY(i) (PIO0 + 0x48u + 4u * (i))
-#define PIO_SM0 (PIO0 + 0xc8u)
+#define PIO_SM(machine) (PIO0 + 0xc8u + 0x18u * (machine))
 #define PIO_INTE (PIO0 + 0x12cu)
 #define SIO 0xd0000000u
 #define SIO_IN (SIO + 0x04u)
@@ -88,8 +90,8 @@
 #define SYSTICK 0xe000e010u
 #define NVIC_ENABLE 0xe000e100u
 #define NVIC_PEND 0xe000e200u
-#define NVIC_PRIORITY(irq) (0xe000e400u + ((irq) & ~3u))  // Of four, a byte each.
+#define NVIC_PRIORITY(irq) (0xe000e400u + ((irq) & ~3u))  // One byte for each of four.
 #define SYSTICK_PRIORITY 0xe000ed20u
-enum { IRQ_TIMER0 = 0, IRQ_PIO0 = 7, IRQ_PINS = 13, IRQ_UART0 = 20, IRQ_UART1 = 21 };
+enum { IRQ_TIMER0 = 0, IRQ_TIMER1 = 1, IRQ_PIO0 = 7, IRQ_PINS = 13, IRQ_UART0 = 20, IRQ_UART1 = 21 };
 
 #endif

@@ -19,6 +19,7 @@ const BROWN_OUT = 4;
 const WATCHDOG = 8;
 const DIRECTION = 6;
 const ESCS = [8, 10, 12];
+const WHEELS = 13;
 const WIRES = 16;
 const RADIO = 22;
 const LIGHT = 25;
@@ -28,7 +29,8 @@ const MS = 1e6;
 const FRAME = 20 * MS;
 const SBUS_FRAME = 14 * MS;
 const RADIO_BIT = 10 * US;
-const PIO_CYCLE = 1250;
+const TELEMETRY_BIT = 1e9 / 115200;
+const BIT_CYCLES = 8;
 const REFERENCE_V = 1.1;
 const TX_ROOM = 32;
 const TX_LEVEL = 4;
@@ -115,11 +117,13 @@ let supply = 1;
 let inputs = [0, 0];
 let pulses = [0, 0, 0, 0, 0, 0];
 let parallel = false;
+const wheels = ESCS.map(() => ({ period: 0, due: 0 })); // Period, and time of the next pulse [ns]
 let sbus = false;
 let sbusFlags = 0;
 let request = [];
 let onBus = { until: 0, count: 0 };
 let radioFree = 0;
+let telemetryFree = [0, 0, 0];
 
 function now() {
   return rp ? start + rp.clock.nanos - TIMER_NS : idle;
@@ -181,11 +185,15 @@ function power(cause) {
   rp.gpio[DIRECTION].addListener((value) => turnBus(value === 1));
   ESCS.forEach((pin, i) => rp.gpio[pin].addListener((value) => onPulse(escs[i], value === 1)));
   rp.pio[0].run = () => {};
+  // As the chip with the bit that joins both buffers of a machine, which rp2040js ignores.
+  for (const machine of rp.pio[0].machines) machine.rxFIFO = new machine.rxFIFO.constructor(8);
   correctInterrupts();
   request = [];
   onBus = { until: 0, count: 0 };
   fromHost = [];
   radioFree = 0;
+  telemetryFree = [0, 0, 0];
+  ESCS.forEach((_, i) => after(0, () => rp.gpio[WHEELS + i].setInputValue(true)));
   for (let i = 0; i < 6; i++) after(0, () => rp.gpio[WIRES + i].setInputValue(pulses[i] === 0));
   putVoltages();
   const chip = rp;
@@ -199,6 +207,7 @@ function power(cause) {
     if (sbus && pulses.some(Boolean)) sendRadio(sbusFrame(), 0);
     after(SBUS_FRAME, sbusFrames);
   };
+  wheels.forEach(planWheel);
   after(FRAME, frames);
   after(SBUS_FRAME, sbusFrames);
   boot();
@@ -336,6 +345,28 @@ function sendPulses() {
   });
 }
 
+/** Plan the next pulse of a wheel sensor; a new period replaces the plan. */
+function planWheel(wheel, i) {
+  const chip = rp;
+  const { period, due } = wheel;
+  if (!rp || !period) return;
+  after(due - now(), () => {
+    if (chip !== rp || wheel.period !== period || wheel.due !== due) return;
+    rp.gpio[WHEELS + i].setInputValue(false);
+    rp.gpio[WHEELS + i].setInputValue(true);
+    wheel.due += period;
+    planWheel(wheel, i);
+  });
+}
+
+function setWheel(i, period) {
+  const wheel = wheels[i];
+  const left = Math.max(0, wheel.due - now());
+  wheel.due = now() + (wheel.period ? (left * period) / wheel.period : period);
+  wheel.period = period;
+  planWheel(wheel, i);
+}
+
 function sbusFrame() {
   let bits = 0n;
   for (let i = 0; i < 16; i++) {
@@ -346,32 +377,52 @@ function sbusFrame() {
   return [0x0f, ...data, sbusFlags, 0];
 }
 
-/** Send bytes on the inverted line: start bit, 8 bits, even parity, two stop bits. */
-function sendRadio(bytes, errors) {
-  const [pin, machine] = [rp.gpio[RADIO], rp.pio[0].machines[0]];
+/** Send frames of bits from a time, to a pin that a state machine reads; return the time of their end. */
+function sendBits(pin, machine, frames, bitNs, from) {
   let base = 0;
   const advance = () => {
-    while (machine.enabled && !machine.waiting && base + machine.cycles * PIO_CYCLE < now()) {
+    while (
+      machine.enabled &&
+      !machine.waiting &&
+      base + (machine.cycles * bitNs) / BIT_CYCLES < now()
+    ) {
       machine.step();
     }
   };
   const put = (level) => {
     advance();
     const waiting = machine.waiting;
-    pin.setInputValue(!level);
-    if (waiting && !machine.waiting) base = now() - machine.cycles * PIO_CYCLE;
+    pin.setInputValue(level);
+    if (waiting && !machine.waiting) base = now() - (machine.cycles * bitNs) / BIT_CYCLES;
   };
-  let at = Math.max(radioFree, now());
-  for (const byte of bytes) {
+  let at = Math.max(from, now());
+  for (const bits of frames) {
+    bits.forEach((bit, i) => after(at + i * bitNs - now(), () => put(!!bit)));
+    after(at + (bits.length - 0.1) * bitNs - now(), advance);
+    at += bits.length * bitNs;
+  }
+  return at;
+}
+
+const bitsOf = (byte) => Array.from({ length: 8 }, (_, i) => (byte >> i) & 1);
+
+/** Send bytes on the inverted line: start bit, 8 bits, even parity, two stop bits. */
+function sendRadio(bytes, errors) {
+  const frames = bytes.map((byte) => {
     const ones = [...byte.toString(2)].filter((bit) => bit === "1").length;
     const parity = (ones + (errors & 0x04 ? 1 : 0)) & 1;
     const stop = errors & 0x10 ? 0 : 1;
-    const bits = [0, ...Array.from({ length: 8 }, (_, i) => (byte >> i) & 1), parity, stop, 1];
-    bits.forEach((bit, i) => after(at + i * RADIO_BIT - now(), () => put(bit)));
-    after(at + 11.9 * RADIO_BIT - now(), advance);
-    at += 12 * RADIO_BIT;
-  }
-  radioFree = at;
+    return [0, ...bitsOf(byte), parity, stop, 1].map((bit) => 1 - bit);
+  });
+  radioFree = sendBits(rp.gpio[RADIO], rp.pio[0].machines[0], frames, RADIO_BIT, radioFree);
+}
+
+/** Send bytes on the telemetry wire of a speed controller: start bit, 8 bits, stop bit. */
+function sendTelemetry(i, bytes, broken) {
+  const frames = bytes.map((byte) => [0, ...bitsOf(byte), broken ? 0 : 1]);
+  if (broken) frames.push([1, 1, 1]);
+  const [pin, machine] = [rp.gpio[WHEELS + i], rp.pio[0].machines[1 + i]];
+  telemetryFree[i] = sendBits(pin, machine, frames, TELEMETRY_BIT, telemetryFree[i]);
 }
 
 function putVoltages() {
@@ -474,6 +525,8 @@ const COMMANDS = {
     parallel = true;
     if (rp) after(seconds * 1e9, sendPulses);
   },
+  wheel: ([i, period]) => setWheel(i, period),
+  telemetry: ([i, hex, broken]) => rp && sendTelemetry(i, [...Buffer.from(hex, "hex")], broken),
   sbus: ([on, flags]) => ([sbus, sbusFlags] = [on, flags]),
   radio: ([hex, errors]) => sendRadio([...Buffer.from(hex, "hex")], errors),
   peek: (address) => answer({ byte: rp.sram[address - RAM] }),

@@ -3,8 +3,8 @@
 
 Start it, then start the bridge with the printed path. Commands on standard input inject faults:
 hang, reset, brownout 0.1, freeze 1, unplug 2, garbage 100, dead 3, alive 3, battery 11.2,
-contactor open, fuse blown, kill on, manual on, sticks 0.5 0 0 1, lose, show. It runs on after the
-end of the input, until SIGINT or SIGTERM.
+contactor open, fuse blown, kill on, manual on, sticks 0.5 0 0 1, lose, jam 2, loosen 2,
+sensor 2 off, show. It runs on after the end of the input, until SIGINT or SIGTERM.
 """
 
 from __future__ import annotations
@@ -40,6 +40,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--auto-reset", action="store_true", help="opening the port resets it")
     parser.add_argument("--boot-loader", type=float, default=drawn.boot_loader_s, metavar="SECONDS")
+    parser.add_argument(
+        "--wheel-pulses", type=int, default=0, metavar="N", help="of the wheel sensors per turn"
+    )
     flags = parser.parse_args(arguments)
     wiring = replace(
         drawn,
@@ -48,7 +51,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         boot_loader_s=flags.boot_loader,
     )
     robot = RealTimeSimulation(
-        FirmwareSimulation(flags.protocol, receiver=not flags.no_receiver, wiring=wiring),
+        FirmwareSimulation(
+            flags.protocol,
+            receiver=not flags.no_receiver,
+            wiring=wiring,
+            wheel_pulses=flags.wheel_pulses,
+        ),
         flags.link,
     )
     ended = threading.Event()

@@ -35,11 +35,13 @@ static void on_reset(avr_io_t *io) {
   avr_t *avr = board->avr;
   board->resets++;
   for (int i = 0; i < UARTS; i++) uart_reset(&board->uart[i]);
+  interrupts_reset(board);
   host_reset(board);
   bus_reset(board);
   pulses_reset(board);
   receiver_reset(board);
   radio_reset(board);
+  wheels_reset(board);
   if (board->hung) memcpy(avr->flash + board->hung_at, board->hung_over, 4);
   board->hung = false;
   /* Otherwise simavr polls the pins in every cycle while they are low. */
@@ -77,6 +79,7 @@ board_t *board_open(const char *elf, uint16_t mode_address) {
   bus_open(board);
   pulses_open(board);
   receiver_open(board);
+  wheels_open(board);
   avr_reset(avr);
   avr_regbit_set(avr, avr->reset_flags.porf);
   board->resets = 0;

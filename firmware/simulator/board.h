@@ -7,6 +7,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "avr_timer.h"
 #include "avr_uart.h"
 #include "sim_avr.h"
 
@@ -15,9 +16,12 @@
 
 /* Addresses in the data space of the ATmega2560. */
 #define PCIFR 0x3B
+#define EIFR 0x3C
 #define PCICR 0x68
 #define PCMSK2 0x6D
 #define OCR4AH 0xA9
+#define TCNT5L 0x124
+#define OCR5AL 0x128
 #define OCR4CH 0xAD
 #define PCINT2_VECTOR 11
 
@@ -52,6 +56,14 @@ typedef struct {
   bool wanted, wanted_before;
 } esc_t;
 
+#define WHEELS 3
+#define DEPTH 4 /* Nesting of interrupts; only one can be interrupted. */
+
+typedef struct {
+  uint32_t period; /* 0 without pulses. */
+  avr_cycle_count_t due; /* Next pulse. */
+} wheel_t;
+
 typedef struct board {
   avr_io_t io; /* Must be first; simavr calls it at each reset. */
   avr_t *avr;
@@ -60,8 +72,8 @@ typedef struct board {
   uint16_t mode_address; /* Address of the board mode; 0 if there is no source. */
   uart_t uart[UARTS]; /* To the PC, to the servos, from the receiver. */
   /* Interrupts and stack. */
-  uint32_t running, longest[64], stack_end;
-  avr_cycle_count_t entered;
+  uint32_t depth, running[DEPTH], spent[DEPTH], longest[64], stack_end;
+  avr_cycle_count_t entered; /* By the last interrupt, or its return to this one. */
   queue_t to_board, to_host;
   uint8_t host_byte; /* In transmission. */
   bool host_arriving;
@@ -76,6 +88,8 @@ typedef struct board {
   uint32_t turn_around; /* Maximum time from there to the falling edge of the direction pin. */
   void (*on_request)(const uint8_t *bytes, uint32_t length);
   esc_t esc[3];
+  wheel_t wheel[WHEELS];
+  avr_timer_comp_t *look; /* Its interrupt takes their edges. */
   /* Receiver. */
   avr_int_vector_t rc_change; /* simavr 1.6 has pin change interrupts on port B only. */
   uint32_t rc_us[RC_CHANNELS];
@@ -110,6 +124,7 @@ void queue_put(queue_t *queue, const uint8_t *bytes, uint32_t count);
 
 /* Connect each wire, and reset it with the chip. */
 void interrupts_open(board_t *board);
+void interrupts_reset(board_t *board);
 void host_open(board_t *board);
 void host_reset(board_t *board);
 void bus_open(board_t *board);
@@ -119,6 +134,8 @@ void pulses_reset(board_t *board);
 void receiver_open(board_t *board);
 void receiver_reset(board_t *board);
 void radio_reset(board_t *board);
+void wheels_open(board_t *board);
+void wheels_reset(board_t *board);
 
 bool board_run(board_t *board, uint64_t cycle);
 

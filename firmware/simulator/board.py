@@ -18,6 +18,7 @@ FIRMWARE = Path(__file__).parents[1]
 BUILD = FIRMWARE / "build"
 HZ = 16_000_000
 _US = HZ // 1_000_000
+_DDRB, _PORTB, _LIGHT = 0x24, 0x25, 0x80
 _Request = ctypes.CFUNCTYPE(None, ctypes.POINTER(ctypes.c_uint8), ctypes.c_uint32)
 
 
@@ -57,6 +58,7 @@ VECTORS = {
     "bus_byte": 36,
     "bus_empty": 37,
     "bus_sent": 38,
+    "wheels": 47,
     "radio_byte": 54,
 }
 """Interrupt vector numbers of the ATmega2560."""
@@ -190,8 +192,10 @@ class Board:
 
     @property
     def light(self) -> bool:
-        """Whether the board's light is on; native library only."""
-        return self._lib.board_light(self._board)
+        """Whether the board's light is on."""
+        if self._native:
+            return self._lib.board_light(self._board)
+        return bool(self.peek(_PORTB) & self.peek(_DDRB) & _LIGHT)
 
     def timing(self) -> Timing:
         """Return the timing; simulated chip only."""
@@ -224,6 +228,22 @@ class Board:
     def set_receiver(self, us: Sequence[int]) -> None:
         """Set the pulse widths of the receiver's six channels; 0 for no pulse."""
         self._lib.board_set_rc(self._board, (ctypes.c_uint32 * 6)(*us))
+
+    def set_wheel(self, index: int, hz: float) -> None:
+        """Make the sensor of a wheel send `hz` pulses per second."""
+        self._lib.board_set_wheel(self._board, index, round(HZ / hz) if hz >= 0.1 else 0)
+
+    def disturb_wheel(self, index: int, *, lost: float = 0.0, extra: float = 0.0) -> None:
+        """Lose a fraction of a sensor's pulses, and add one after another; native library only."""
+        shares = round(256 * lost), round(256 * extra)
+        self._lib.board_disturb_wheel(self._board, index, *shares)
+
+    def send_telemetry(self, index: int, data: bytes, *, broken: bool = False) -> None:
+        """Send bytes on the telemetry wire of a speed controller; native library only.
+
+        `broken`: without stop bits.
+        """
+        self._lib.board_telemetry(self._board, index, data, len(data), broken)
 
     def set_adc(self, channel: int, volts: float) -> None:
         """Set the voltage at an analogue input."""
@@ -324,6 +344,7 @@ def _library(program: Path) -> ctypes.CDLL:
         ("parallel_rc", u32),
         ("sbus", ctypes.c_bool, ctypes.c_uint8),
         ("radio", ctypes.c_char_p, u32, ctypes.c_uint8),
+        ("set_wheel", u32, u32),
         ("set_adc", u32, u32),
         ("set_supply", u32),
         ("peek", ctypes.c_uint16),
@@ -338,7 +359,9 @@ def _library(program: Path) -> ctypes.CDLL:
         getattr(lib, f"board_{name}").argtypes = [pointer, *arguments]
     if program.suffix == ".so":
         lib.board_overrun.argtypes = [pointer]
+        lib.board_disturb_wheel.argtypes = [pointer, u32, ctypes.c_uint8, ctypes.c_uint8]
         lib.board_busy.argtypes = [pointer, u32]
+        lib.board_telemetry.argtypes = [pointer, u32, ctypes.c_char_p, u32, ctypes.c_bool]
         lib.board_peek_eeprom.argtypes = [pointer, ctypes.c_uint16]
         lib.board_peek_eeprom.restype = ctypes.c_uint8
         lib.board_light.argtypes = [pointer]

@@ -32,6 +32,7 @@ def show(robot: RealTimeSimulation) -> str:
             "pose": simulation.plant.pose.xy_heading.tolist(),
             "mode": simulation.board.peek(simulation.table_address + ADDRESS["mode"]),
             "resets": simulation.board.resets,
+            "wheels_rad_per_s": simulation.plant.wheel_speeds.tolist(),
             "drive_v": round(simulation.power.drive_v, 2),
             "interrupt_cycles": timing.interrupts,
             "lost_bytes": timing.lost,
@@ -67,6 +68,9 @@ class FaultCommands:
             "kill": lambda word: self._switches(kill=_switch(word)),
             "manual": lambda word: self._switches(manual=_switch(word)),
             "lose": simulation.lose_receiver,
+            "jam": lambda number: simulation.plant.stuck.add(int(number) - 1),
+            "loosen": lambda number: simulation.plant.stuck.discard(int(number) - 1),
+            "sensor": lambda number, word: self._sensor(int(number) - 1, on=_switch(word)),
         }
 
     @property
@@ -84,6 +88,9 @@ class FaultCommands:
 
     def _dead(self, number: str, *, dead: bool) -> None:
         self._servo(number).dead = dead
+
+    def _sensor(self, wheel: int, *, on: bool) -> None:
+        self._robot.simulation.sensor_wheels[wheel] = wheel if on else None
 
     def _servo(self, number: str) -> Mx64:
         return self._robot.simulation.servo_bus.servos[int(number)]

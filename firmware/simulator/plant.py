@@ -37,11 +37,18 @@ class RobotPlant:
         self._commands: tuple[float, ...] = ()
         self._driven = True
         self._signal_s = 0.0
+        self.stuck: set[int] = set()
+        """Wheels that do not turn."""
 
     @property
     def gimbals(self) -> Array:
         """(6,): angles from neutral, radians."""
         return self.simulation.joints[_ANGLES]
+
+    @property
+    def wheel_speeds(self) -> Array:
+        """(3,): speeds of the wheels, rad/s."""
+        return self.simulation.joints[_WHEELS]
 
     @property
     def pose(self) -> SE2:
@@ -78,7 +85,7 @@ class RobotPlant:
         if driven != self._driven:
             self._driven = driven
             self.simulation.lose_drive()
-        commands = (*goals, *pulses_us, driven)
+        commands = (*goals, *pulses_us, driven, *self.stuck)
         if commands != self._commands:
             self._commands = commands
             self._command(goals, angles, pulses_us)
@@ -105,6 +112,7 @@ class RobotPlant:
         if min(pulses_us) == 0.0:  # Without a signal, keep the speeds and do not start.
             setpoint[_WHEELS] = self._wheels if self._driven else 0.0
         self._wheels = setpoint[_WHEELS]
+        setpoint[_WHEELS[list(self.stuck)]] = 0.0
         self.simulation.command(setpoint)
 
     def _speeds(self, pulses_us: Array) -> Array:

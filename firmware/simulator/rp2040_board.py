@@ -147,6 +147,14 @@ class Rp2040Board(Board):
         """Start the pulses of all receiver channels simultaneously, first in `seconds`."""
         self._write("parallel", seconds)
 
+    def set_wheel(self, index: int, hz: float) -> None:
+        """Make the sensor of a wheel send `hz` pulses per second."""
+        self._write("wheel", [index, _NS / hz if hz >= 0.1 else 0.0])
+
+    def send_telemetry(self, index: int, data: bytes, *, broken: bool = False) -> None:
+        """Send bytes on the telemetry wire of a speed controller, `broken` without stop bits."""
+        self._write("telemetry", [index, data.hex(), broken])
+
     def set_receiver(self, us: Sequence[int]) -> None:
         """Set the pulse widths of the receiver's six channels; 0 for no pulse."""
         self._write("receiver", list(us))
@@ -192,11 +200,11 @@ class Rp2040Board(Board):
         self._ask("run", self._state["now"])
 
     def peek_eeprom(self, address: int) -> int:
-        """Return a byte of the newest page in flash."""
+        """Return a byte of the latest page in flash."""
         return self._newest()[1][2 + address]
 
     def poke_eeprom(self, address: int, value: int) -> None:
-        """Change a byte of the newest page in flash, with a correct sum of the page."""
+        """Change a byte of the latest page in flash, and correct the checksum of the page."""
         at, page = self._newest()
         page[2 + address] = value
         page[-2:] = struct.pack("<H", _crc16(bytes(page[:-2])))

@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
 from firmware.simulator import board as boards
+from firmware.simulator.esc_telemetry import PERIOD_S, EscTelemetry
 from firmware.simulator.mx64 import Mx64
 from firmware.simulator.plant import RobotPlant
 from firmware.simulator.power import AS_DRAWN, SERVO_LEAST_V, PowerSimulation, Wiring
@@ -39,6 +41,8 @@ class FirmwareSimulation:
         neutral: Servo positions at neutral, steps.
         reverse: Reversed servos.
         wiring: Wiring of the power supply.
+        wheel_pulses: Pulses of the wheel sensors per turn; 0 without sensors.
+        pole_pairs: Pole pairs of the motors whose speed controllers send telemetry; 0 without.
     """
 
     def __init__(
@@ -52,6 +56,8 @@ class FirmwareSimulation:
         neutral: Sequence[int] = NEUTRAL,
         reverse: Sequence[bool] = STRAIGHT,
         wiring: Wiring = AS_DRAWN,
+        wheel_pulses: int = 0,
+        pole_pairs: int = 0,
     ) -> None:
         elf = boards.build() if elf is None else elf
         self.table_address = boards.table_address(elf)
@@ -64,6 +70,12 @@ class FirmwareSimulation:
             description_of_kind(load_robot("tsd"), SingularityDescription), neutral, reverse
         )
         self.power = PowerSimulation(wiring)
+        self.wheel_pulses = wheel_pulses
+        self.telemetry = [
+            EscTelemetry(pole_pairs, i * PERIOD_S / 7.0) for i in range(3 if pole_pairs else 0)
+        ]
+        self.sensor_wheels: list[int | None] = [0, 1, 2]
+        """Wheel at each sensor or telemetry input; None if it is disconnected."""
         self.inputs_v: dict[int, float | None] = {}
         """Overrides of the analogue input voltages; None disconnects an input (native library
         only).
@@ -183,6 +195,17 @@ class FirmwareSimulation:
         self._moved_s = self.board.now_s
         self._put_voltages()
         self.plant.follow(self._moved_s, self.servos, pulses_us, power)
+        if self.wheel_pulses:
+            hz = self.wheel_pulses * self.plant.wheel_speeds / (2.0 * math.pi)
+            for sensor, wheel in enumerate(self.sensor_wheels):
+                self.board.set_wheel(sensor, 0.0 if wheel is None else float(hz[wheel]))
+        volts = power.drive_v if power.driven else 0.0
+        for wheel, esc in enumerate(self.telemetry):
+            sent = esc.due(self._moved_s, float(self.plant.wheel_speeds[wheel]), volts)
+            for sensor in (
+                i for i, wired in enumerate(self.sensor_wheels) if sent and wired == wheel
+            ):
+                self.board.send_telemetry(sensor, sent)
 
     def _switch(self) -> None:
         """Update the power state of servos and board."""

@@ -1,4 +1,4 @@
-"""`cmd_vel` as an operator: which twists move the robot, and who has control; without time."""
+"""Rules by which `cmd_vel` drives the robot and holds control, as pure logic."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ REST = Drive((0.0,) * 6, BASE, None)
 def status(
     mode: str, holder: str | None = None, requested_by: str | None = None, reason: str | None = None
 ) -> RobotStatus:
-    """The newest status of the robot."""
+    """Build a robot status."""
     lease = LeaseStatus(holder, requested_by=requested_by)
     return RobotStatus(mode, lease=lease, refusals=Refusals(drive=reason))
 
@@ -62,7 +62,7 @@ def holder(now_s: float = 0.0) -> CmdVelOperator:
 
 
 def poll_until(operator: CmdVelOperator, start_s: float, end_s: float) -> None:
-    """Poll as a program that runs, and has control."""
+    """Poll as a running program that has control."""
     for now_s in np.linspace(start_s, end_s, 11):
         assert not operator.poll(now_s, status("ready", ME))
 
@@ -135,12 +135,12 @@ def test_a_twist_that_may_be_too_old_does_not_count(age_s: float) -> None:
 def test_what_a_stalled_link_delivers_at_once_moves_nothing_until_the_publisher_has_paused() -> (
     None
 ):
-    """Five seconds of twists come in together; the publisher still holds its stick."""
+    """Five seconds of twists arrive together while the publisher still holds its stick."""
     operator = holder()
     assert moves(operator.on_twist(PUSH, 1.0, MINE, 1.0))
     for i in range(100):
         assert not moves(operator.on_twist(PUSH, 6.0 + 1e-4 * i, MINE, 1.0))
-    for i in range(40):  # Fresh ones follow without a pause.
+    for i in range(40):  # Fresh twists follow without a pause.
         assert not moves(operator.on_twist(PUSH, 6.1 + PERIOD_S * i, MINE, 6.1 + PERIOD_S * i))
     after_s = 6.1 + 39 * PERIOD_S + PAUSE_S
     assert moves(operator.on_twist(PUSH, after_s, MINE, after_s))
@@ -226,7 +226,7 @@ def test_another_operator_is_not_disturbed_and_the_stick_has_to_be_let_go_before
         actions = operator.on_twist(PUSH, PERIOD_S * i, status("driving", "bob"), PERIOD_S * i)
         assert not moves(actions)
         assert LeaseAction.ACQUIRE not in actions
-    for i in range(20, 40):  # bob has gone, and the stick is still held.
+    for i in range(20, 40):  # Bob has disconnected, and the stick is still held.
         assert LeaseAction.ACQUIRE not in operator.on_twist(PUSH, PERIOD_S * i, FREE, PERIOD_S * i)
     later_s = PERIOD_S * 39 + PAUSE_S
     assert operator.on_twist(PUSH, later_s, FREE, later_s) == [LeaseAction.ACQUIRE]
@@ -253,7 +253,7 @@ def test_a_person_who_asks_gets_control_when_no_twist_moves_the_robot() -> None:
 
 
 def test_a_twist_that_no_robot_reads_for_a_while_does_not_move_one_when_it_is_read_again() -> None:
-    """The name of its topic changes when a second robot comes, and back when that one goes."""
+    """A second robot changes the topic name; when it leaves, the name reverts."""
     operator = holder()
     assert moves(operator.on_twist(PUSH, 0.1, MINE, 0.1))
     for i in range(60):
@@ -270,7 +270,7 @@ def test_a_twist_that_no_robot_reads_for_a_while_does_not_move_one_when_it_is_re
 def test_a_robot_that_comes_back_is_not_moved_by_a_twist_that_was_held_on(
     state: str, away_s: float, found_s: float
 ) -> None:
-    """Its node was out of reach, and so was heard of no twist; then its topic is found anew."""
+    """Its node was unreachable, so no twists arrived; then its topic is found again."""
     operator = CmdVelOperator(ME)
     if state != "free":
         assert operator.on_twist(PUSH, 0.0, FREE, 0.0) == [LeaseAction.ACQUIRE]
@@ -288,12 +288,12 @@ def test_a_robot_that_comes_back_is_not_moved_by_a_twist_that_was_held_on(
     later_s = start_s + 5.0 + PAUSE_S + 0.01
     poll_until(operator, start_s + 5.0, later_s)
     again = operator.on_twist(PUSH, later_s, FREE, later_s)
-    # Control that was lost is taken again by the service alone.
+    # Lost control is taken again only by service call.
     assert (LeaseAction.ACQUIRE in again) == (state != "held")
 
 
 def test_a_topic_that_gets_its_name_back_moves_nothing_by_a_twist_that_was_held_on() -> None:
-    """A second robot came, so that nothing read this topic, and has gone."""
+    """While a second robot existed, this topic was not read."""
     operator = holder()
     assert moves(operator.on_twist(PUSH, 0.1, MINE, 0.1))
     operator.topic_opened(10.0)
@@ -368,7 +368,7 @@ def test_any_bytes_are_a_twist_or_are_refused(encoding: str, name: str, payload:
 
 @pytest.mark.parametrize("first", ["a twist", "a poll"])
 def test_time_in_which_the_program_stood_still_is_no_pause_of_the_publisher(first: str) -> None:
-    """All twists of that time may be lost; a stick that is held on is not pushed anew."""
+    """All twists of that time may be lost, and a held stick is not a new push."""
     operator, ready, now_s = holder(), status("ready", ME), 0.0
     assert moves(operator.on_twist(PUSH, 0.05, MINE, 0.05))
     operator.poll(0.1, MINE)

@@ -1,4 +1,4 @@
-"""A publisher of `cmd_vel` behind a slow link drives smoothly, under a lease that fits the link."""
+"""A `cmd_vel` publisher behind a slow link drives smoothly under a suitable lease."""
 
 from __future__ import annotations
 

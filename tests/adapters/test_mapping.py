@@ -1,4 +1,4 @@
-"""Conversion into ROS messages: frames, units, REP 103 and 105, of every shipped robot."""
+"""Conversion to ROS messages for every built-in robot: frames, units, REP 103 and 105."""
 
 from __future__ import annotations
 
@@ -21,9 +21,7 @@ from tsd_twin import robots
 from tsd_twin.adapters.frames import (
     FOOTPRINT,
     WheelAngles,
-    from_roll_pitch_yaw,
     parse_urdf,
-    yaw_pitch_roll,
 )
 from tsd_twin.adapters.ros_messages import (
     PUBLISHED,
@@ -48,6 +46,7 @@ from tsd_twin.messages.status import (
 )
 from tsd_twin.messages.topics import Topic
 from tsd_twin.models import shipped_model
+from tsd_twin.models.links import from_roll_pitch_yaw, roll_pitch_yaw
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 STAMP_NS = 1_700_000_000_123_456_789
@@ -80,7 +79,7 @@ def stamp_ns(header: Any) -> int:
 
 
 def matrix(transform: Any) -> Any:
-    """(4, 4) of a `geometry_msgs/msg/Transform`."""
+    """(4, 4) matrix of a `geometry_msgs/msg/Transform`."""
     turn, move = transform.rotation, transform.translation
     found = np.eye(4)
     found[:3, :3] = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix()
@@ -89,7 +88,7 @@ def matrix(transform: Any) -> Any:
 
 
 def tree_of(it: RobotMapping, payloads: dict[Topic, bytes]) -> dict[str, tuple[str, Any]]:
-    """Parent and pose of each frame, after these messages; no frame has two parents."""
+    """Parent and pose of each frame after these messages; each frame has one parent."""
     messages = [
         *it.static(),
         *(m for topic, data in payloads.items() for m in it.convert(topic, data)),
@@ -112,7 +111,7 @@ def pose_in(root: str, frame: str, frames: dict[str, tuple[str, Any]]) -> Any:
 
 
 def measured(name: str, angle: float) -> tuple[dict[str, float], bytes]:
-    """Angles of all joints of the URDF that a robot on the floor measures, and their message."""
+    """Measured angles of all URDF joints for a robot on the floor, and their message."""
     joints = [j.name for j in parse_urdf(urdf_file(name).read_text()).joints.values() if j.axis]
     angles = {joint: angle * (0.3 + 0.1 * i) for i, joint in enumerate(joints)}
     values = np.array(list(angles.values()))
@@ -125,7 +124,7 @@ def measured(name: str, angle: float) -> tuple[dict[str, float], bytes]:
 def test_every_link_stands_where_another_reader_of_the_urdf_puts_it(
     name: str, angle: float
 ) -> None:
-    """The tree of `/tf`, from `odom` down, against yourdfpy."""
+    """Compares the tree of `/tf`, from `odom` down, with yourdfpy."""
     angles, joints = measured(name, angle)
     frames = tree_of(
         mapping(name), {topics.JOINTS: joints, topics.ODOM: odometry((1.0, -2.0, 0.5))}
@@ -152,7 +151,7 @@ def test_a_sphere_has_its_orientation_in_tf_and_in_odom(
     expected = Rotation.from_quat(wxyz[[1, 2, 3, 0]])
     found = pose_in(ODOM, message.child_frame_id, frames)[:3, :3]
     assert np.allclose(found, expected.as_matrix(), atol=1e-6)
-    # On the bus the angular velocity is about the axes of the base, in ROS about the child's.
+    # The bus has the angular velocity in base axes, ROS in the child's axes.
     spin = message.twist.twist.angular
     assert np.allclose(expected.apply([spin.x, spin.y, spin.z]), [0.1, 0.2, 0.3], atol=1e-9)
 
@@ -214,10 +213,10 @@ def test_the_angle_of_a_wheel_stays_within_a_turn_whatever_the_stamps(
 
 @given(st.tuples(*[st.floats(-math.pi, math.pi)] * 3))
 def test_angles_about_axes_are_those_of_scipy(angles: tuple[float, float, float]) -> None:
-    w, x, y, z = from_roll_pitch_yaw(*angles)
-    ours = Rotation.from_quat([x, y, z, w])
+    turn = from_roll_pitch_yaw(np.array(angles)).wxyz
+    ours = Rotation.from_quat(turn, scalar_first=True)
     assert np.allclose(ours.as_matrix(), Rotation.from_euler("xyz", angles).as_matrix())
-    again = Rotation.from_euler("ZYX", yaw_pitch_roll((w, x, y, z)))
+    again = Rotation.from_euler("xyz", roll_pitch_yaw(turn))
     assert np.allclose(again.as_matrix(), ours.as_matrix(), atol=1e-6)
 
 

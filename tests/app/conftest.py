@@ -1,4 +1,4 @@
-"""Programs as a user starts them."""
+"""Runs programs as a user starts them."""
 
 from __future__ import annotations
 
@@ -24,15 +24,16 @@ PATIENCE_S = 60.0
 
 
 def longest_pause_s(times_s: Iterable[float], since_s: float) -> float:
-    """Return the longest time in which none of some events was, from a time until now."""
+    """Return the longest gap between events from `since_s` until now."""
     within = [since_s, *(each for each in times_s if each > since_s), time.monotonic()]
     return max(after - before for before, after in itertools.pairwise(within))
 
 
 def stays_put(moved_m: float, pushed_s: Iterable[float], since_s: float, withheld_s: float) -> None:
-    """Check that a stick that is held on has not moved a robot.
+    """Check that a stick held since before did not move the robot.
 
-    One that the machine lets pause counts as let go, and may move the robot when it is pushed on.
+    If the machine delayed the pushes by more than `PAUSE_S`, the robot counts the stick as
+    released, and later pushes may move it.
     """
     pause_s = longest_pause_s(pushed_s, since_s)
     assert pause_s < PAUSE_S + withheld_s, "the stick was let go"
@@ -40,11 +41,11 @@ def stays_put(moved_m: float, pushed_s: Iterable[float], since_s: float, withhel
 
 
 class Program:
-    """One of our programs, running."""
+    """Running program of this package."""
 
     def __init__(self, arguments: list[str]) -> None:
-        # What says when it is ready loads like any other program: a second of processor in real
-        # time, which would hold up robots that drive.
+        # A program that prints a `ready:` line loads without real-time priority, because a second
+        # of real-time load would starve robots that are driving.
         self._loads = REALTIME and arguments[0] != "tsd_lab"
         priority = AS_OTHERS if self._loads else REALTIME
         self.process = subprocess.Popen(
@@ -97,17 +98,17 @@ class Program:
         return code
 
     def _count(self) -> None:
-        """Add what the machine withheld from it to the budget."""
+        """Charge the CPU time withheld from this program to the budget."""
         if self._followed is not None:
             self._followed.end()
 
     @property
     def sentence(self) -> str:
-        """What was said on standard error."""
+        """Output on standard error so far."""
         return "\n".join(self.errors)
 
     def clean_up(self) -> None:
-        """Leave nothing behind."""
+        """End the process and close its pipes."""
         self._count()
         if self.process.poll() is None:
             self.process.kill()
@@ -119,7 +120,7 @@ class Program:
 
 @contextlib.contextmanager
 def starting() -> Generator[Callable[..., Program]]:
-    """Start programs; all are gone at the end, the last one first."""
+    """Start programs, and end them in reverse order on exit."""
     started: list[Program] = []
 
     def start(*arguments: str) -> Program:
@@ -135,7 +136,7 @@ def starting() -> Generator[Callable[..., Program]]:
 
 @pytest.fixture
 def start() -> Generator[Callable[..., Program]]:
-    """Start programs; all are gone when the test ends."""
+    """Start programs that end with the test."""
     with starting() as start_one:
         yield start_one
 
@@ -158,20 +159,20 @@ def children_of(pid: int) -> list[int]:
 
 
 def alive(pid: int) -> bool:
-    """Return whether a process runs, and is no mere entry in the table."""
+    """Return whether a process exists and is not a zombie."""
     fields = stat_of(pid)
     return fields is not None and fields[0] != "Z"
 
 
 def family_to_realtime(pid: int) -> None:
-    """Let a process and its children run in real time, as a robot on a machine of its own."""
+    """Give a process and its descendants real-time priority, as on a dedicated robot computer."""
     for child in children_of(pid):
         family_to_realtime(child)
     to_realtime(pid)
 
 
 def stat_of(pid: int) -> list[str] | None:
-    """Return state, parent and so on of a process; None when there is none."""
+    """Return the fields of `/proc/<pid>/stat` from the state on, or None if the process is gone."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:
@@ -180,7 +181,7 @@ def stat_of(pid: int) -> list[str] | None:
 
 @pytest.fixture(scope="module")
 def browser(request: pytest.FixtureRequest) -> Generator[Browser]:
-    """A browser that draws the scene; a test may ask for other flags."""
+    """Headless browser that renders the scene; tests may override the flags."""
     flags = list(getattr(request, "param", CHEAP_FLAGS))
     with sync_playwright() as playwright:
         running = playwright.chromium.launch(executable_path=executable(), args=flags)

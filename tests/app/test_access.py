@@ -1,4 +1,4 @@
-"""The dashboard for other machines: who makes users, what is refused, and a login in a browser."""
+"""A dashboard for other machines: user accounts, refused requests, and login in a browser."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tests.support.browser import (
     executable,
     mode,
     press,
-    press_until,
+    press_linked,
 )
 from tests.support.mistaken_programs import start_each
 from tests.support.nginx import nginx
@@ -66,7 +66,7 @@ def context(browser: Browser) -> Generator[BrowserContext]:
     made = browser.new_context(
         ignore_https_errors=True,
         viewport={"width": 960, "height": 600},
-        device_scale_factor=0.5,  # Who is sent on after a login cannot ask for fewer pixels.
+        device_scale_factor=0.5,  # A user redirected after a login cannot ask for fewer pixels.
     )
     made.set_default_timeout(PATIENCE_MS)
     yield made
@@ -217,7 +217,7 @@ def test_alice_logs_in_drives_under_her_name_and_logs_out(
     assert cookie.get("httpOnly")
     assert cookie.get("sameSite") == "Strict"
     page.goto(url)
-    press_until(page, "Take control", page.get_by_role("button", name="Release control"))
+    press_linked(page, "Take control", page.get_by_role("button", name="Release control"))
     press(page, "Keys and settings")
     page.get_by_role("button", name="Your name: alice").last.click()
     press(page, "Log out")
@@ -241,7 +241,7 @@ def test_a_viewer_in_a_browser_has_nothing_to_drive_with_and_goes_when_logged_ou
     stop = page.get_by_role("button", name="STOP", exact=True)
     expect(stop).to_have_attribute("aria-disabled", "true")
     expect(page.get_by_role("application")).to_have_attribute("aria-disabled", "true")
-    # The login ends elsewhere: the page notices, and does not pretend to be live.
+    # The login ends in another tab; the page notices and does not pretend to be live.
     page.evaluate("fetch('logout', { method: 'POST', redirect: 'manual' })")
     page.wait_for_url("**/login")
 
@@ -291,13 +291,13 @@ def test_nginx_as_on_the_page_of_the_docs(
         (cookie,) = outside.cookies()
         assert (cookie.get("path"), cookie.get("secure")) == ("/twin", True)
         page.goto(f"{there}/")
-        press_until(page, "Take control", page.get_by_role("button", name="Release control"))
+        press_linked(page, "Take control", page.get_by_role("button", name="Release control"))
         expect(page.locator(".viewport-frame[data-ready]")).to_be_visible(timeout=PATIENCE_MS)
         value = f"{cookie.get('name')}={cookie.get('value')}"
         trusting = ssl.create_default_context(cafile=folder / "keys" / "ca.pem")
         for origin, allowed in ((f"https://{host}", True), ("https://evil.example", False)):
             headers = {"Cookie": value, "Origin": origin}
-            # On a thread: this one has the event loop of Playwright.
+            # On a thread, because Playwright uses the event loop of this one.
             with ThreadPoolExecutor(1) as pool:
                 asked = answer(host, proxy.port, headers, trusting)
                 status = pool.submit(asyncio.run, asked).result()
@@ -307,5 +307,5 @@ def test_nginx_as_on_the_page_of_the_docs(
         press(page, "Log out")
         page.wait_for_url("**/twin/login")
         by_name.close()
-    with pytest.raises(InvalidStatus):  # Past the proxy there is no way in, whatever is claimed.
+    with pytest.raises(InvalidStatus):  # Bypassing the proxy grants no access.
         connect(url.replace("http", "ws") + "teleop?page=0123456789abcdef")

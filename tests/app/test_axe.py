@@ -1,7 +1,7 @@
-"""What axe-core finds in the page: nothing serious in every state, in light and dark.
+"""axe-core finds no serious violation in any page state, in light and dark.
 
-Beside it, what axe-core leaves open: it judges no text over a canvas, and lets small targets pass
-that have room around them.
+Two further rules cover cases that axe-core leaves undecided: text over a canvas, and small targets
+with space around them.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ POINTER_PX = 24
 
 
 def findings(page: Page) -> list[str]:
-    """Return what is found that is serious."""
+    """Return the serious violations on the page."""
     if not page.evaluate("'axe' in window"):
         page.evaluate(AXE.read_text("utf-8"))
     return [*page.evaluate(RUN), *page.evaluate(FAINT), *page.evaluate(SMALL, POINTER_PX)]
@@ -85,7 +85,7 @@ def test_nothing_serious_in_any_state_or_tab(
 
 
 def word_of(shown: dict[str, Any]) -> re.Pattern[str]:
-    """Return the word for the mode of a state, or for what stands in its place."""
+    """Return the word that the page shows for the mode, or for a replay or a lost signal."""
     if shown.get("source") == "recording":
         return re.compile("Replay")
     word = "No signal" if shown["age_ms"] else shown["status"]["mode"]
@@ -93,7 +93,7 @@ def word_of(shown: dict[str, Any]) -> re.Pattern[str]:
 
 
 def look_at_what_is_opened(stage: PageStage, look: Callable[[str], None]) -> None:
-    """Open the map, the sheet of keys, an alarm, and the page of all robots."""
+    """Check the dialogs: map, keys, an alarm and the page of all robots."""
     page = stage.page
     page.keyboard.press("Escape")
     page.keyboard.press("n")

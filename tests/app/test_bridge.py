@@ -25,12 +25,12 @@ Start = Callable[..., Program]
 ANY_PORT = ("--listen", "tcp/127.0.0.1:0")
 PIECES = 1000
 OLD_S = 4.5
-"""Of garbage, thrown at a machine that is too busy to notice."""
+"""Duration of garbage on the line; long enough for a busy machine to notice."""
 
 
 @pytest.fixture(scope="module")
 def shared(start_shared: Start, tmp_path_factory: pytest.TempPathFactory) -> Generator[Machine]:
-    """One machine for all tests: each leaves it as it likes, and the next gets it ready again."""
+    """One machine for all tests; each may leave it in any state."""
     made = Machine(start_shared, tmp_path_factory.mktemp("machine"))
     yield made
     made.close()
@@ -38,7 +38,7 @@ def shared(start_shared: Start, tmp_path_factory: pytest.TempPathFactory) -> Gen
 
 @pytest.fixture
 def machine(shared: Machine) -> Generator[Machine]:
-    """The machine, with everything at it mended afterwards."""
+    """The shared machine, reset after each test."""
     yield shared
     for command in ("kill off", "manual off", "alive 3"):
         shared.box.tell(command)
@@ -69,7 +69,7 @@ def test_the_pose_on_the_bus_comes_from_servos_that_the_firmware_moves(machine: 
 
 
 def test_in_ready_it_stays_armed_without_any_command(machine: Machine) -> None:
-    """Longer than the board's timeout: words of the core, while somebody has control, feed it."""
+    """Waits longer than the board's timeout; core messages keep the board fed under a lease."""
 
     def waits() -> None:
         wait_for_mode(machine, "ready")
@@ -96,7 +96,7 @@ def test_an_operator_who_falls_silent_is_a_controlled_stop_and_no_trip(machine: 
 
 
 def keep_throwing_garbage(machine: Machine) -> None:
-    """Until the robot has noticed."""
+    """Send garbage until the robot notices."""
     for _ in range(PIECES):
         if machine.mode == "fault":
             return
@@ -162,7 +162,7 @@ def test_a_line_that_fails_stops_it_in_one_sentence_and_nothing_moves_until_it_i
     assert machine.mode == "fault"
     first, *more = told()
     assert re.search(warning, first)
-    # A busy machine simulates a board that falls silent once more.
+    # On a busy machine, the simulated board may fall silent again.
     assert all("has not answered for 100 ms" in line for line in more)
     machine.drive()
 
@@ -176,6 +176,7 @@ def test_a_firmware_that_hangs_is_restarted_and_stays_disarmed(machine: Machine)
     wait_until(lambda: machine.box.at_rest, "at rest")
     assert machine.stays_at_rest()
     wait_until(lambda: "hung" in machine.hardware["last_trip"], "it says why")
+    wait_until(lambda: "hung" in machine.hardware["past_trips"]["1"], "it is kept")
     machine.drive()
 
 
@@ -222,8 +223,8 @@ def test_the_radio_control_takes_the_robot_and_the_core_refuses_to_drive(machine
     takes_over()
     wait_until(lambda: box.at_rest, "at rest")
 
-    # Now it is moved on purpose, off and on again with the robot at rest; once more if a busy
-    # machine had a servo late just then, which speaks against anybody.
+    # Move the servo deliberately, with torque off and the robot at rest. Retry if a busy machine
+    # delayed a servo reply just then, because any servo could have caused that.
     def is_given() -> bool:
         box.tell("manual off")
         wait_until(lambda: machine.hardware["rc_us"][5] < 1500, "seen off")
@@ -264,7 +265,7 @@ def test_a_second_bridge_at_one_port_is_refused_and_the_first_goes_on(machine: M
     assert "is in use by another program" in second.sentence
     assert len(second.errors) == 1
     assert machine.bridge.process.poll() is None
-    machine.drive()  # Had it been held up by a busy machine, which starts a program meanwhile.
+    machine.drive()  # A busy machine may have stopped the robot while a program started.
 
 
 def test_a_bridge_that_is_killed_leaves_a_board_that_stops_by_itself(machine: Machine) -> None:
@@ -347,7 +348,7 @@ class Relay:
     def cut(self) -> None:
         """Break the connection."""
         if self._connection is not None:
-            with contextlib.suppress(OSError):  # The other end may have gone first.
+            with contextlib.suppress(OSError):  # The other end may have closed first.
                 self._connection.shutdown(socket.SHUT_RDWR)
             self._connection.close()
 

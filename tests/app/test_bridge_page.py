@@ -1,4 +1,4 @@
-"""The whole way: a hand on the real page, through dashboard, bus, bridge, pty and firmware."""
+"""End to end: input on the real page, through dashboard, bus, bridge, pty and firmware."""
 
 from __future__ import annotations
 
@@ -29,25 +29,25 @@ pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 
 UPRIGHT = [2048] * 6
 WAYS = {"w": (1.0, 0.0, 0.0), "s": (-1.0, 0.0, 0.0), "a": (0.0, 1.0, 0.0), "q": (0.0, 0.0, 1.0)}
-"""Keys, and which way they drive."""
+"""Keys and their drive directions."""
 _STEPS = ("Take control", "Hold to reset", "Arm")
 _STOPS = 5
 _GAP_STEPS = 20
-"""What a tilted gimbal differs from upright at least; less is a component that is zero."""
+"""Minimum tilt of a driven gimbal, in servo steps; smaller goals count as upright."""
 
 
 @dataclass
 class Desk:
-    """A page before a machine."""
+    """Page connected to a machine."""
 
     machine: Machine
     page: Page
 
     def holding(self, down: Callable[[], object], up: Callable[[], object], way: str) -> None:
-        """Hold a control until the gimbals tilt as the kinematics has it, then let go of it.
+        """Hold a control until the gimbals tilt as the kinematics predicts, then release it.
 
-        On a busy machine the page or the line is late at times, and then the robot stops, as it
-        must: let go, get ready and push again, as a person would.
+        On a busy machine, late messages may stop the robot correctly; then release, get ready and
+        push again, as a person would.
         """
         end_s = time.monotonic() + PATIENCE_S
         while time.monotonic() < end_s:
@@ -67,14 +67,14 @@ class Desk:
 
     @staticmethod
     def wait(condition: Callable[[], object], seconds: float) -> None:
-        """Look until something is the case."""
+        """Poll until a condition holds."""
         end_s = time.monotonic() + seconds
         while not condition():
             assert time.monotonic() < end_s
             time.sleep(0.02)
 
     def tilts(self, way: str) -> bool:
-        """Return whether wheels spin, and gimbals are told to tilt the way a key drives."""
+        """Return whether wheels spin and the gimbal goals match the key's direction."""
         seen = self.machine.box.show()
         drive = robots.load_robot("tsd").kinematics()
         wanted = drive.inverse(0.2 * np.array(WAYS[way]))[[0, 1, 3, 4, 6, 7]] * 4096 / (2 * np.pi)
@@ -87,9 +87,9 @@ class Desk:
         )
 
     def get_ready(self) -> None:
-        """Press what leads to ready, whatever the last try has left.
+        """Press the buttons that lead to ready, from any state.
 
-        Arming takes seconds, and on a busy machine it is interrupted by faults.
+        Arming takes seconds, and faults can interrupt it on a busy machine.
         """
         end_s = time.monotonic() + 2.0 * PATIENCE_S
         while self.machine.mode != "ready":
@@ -130,7 +130,7 @@ def test_a_hand_on_the_page_moves_pulses_and_gimbals_and_its_health_is_shown(des
         desk.holding(lambda n=name: page.keyboard.down(n), lambda n=name: page.keyboard.up(n), name)
     for _ in budget.tries(
         "stop", _STOPS
-    ):  # A busy machine is a fault at times, and then there is none to stop.
+    ):  # A busy machine may cause a fault, in which case STOP has no effect.
         desk.get_ready()
         page.keyboard.press(" ")
         wait_until(lambda: machine.box.at_rest, "STOP shuts off the wheels")
@@ -161,7 +161,7 @@ def test_a_hand_on_the_page_moves_pulses_and_gimbals_and_its_health_is_shown(des
 
 
 def shows(page: Page, group: str, readings: dict[str, str]) -> None:
-    """See that a group of the Health tab, or what is outside its band, has figures like these."""
+    """Check the readings in a group of the Health tab or among those outside their band."""
     panel = page.get_by_role("tabpanel", name="Health")
     panel.locator("summary", has_text=group).first.click(timeout=PATIENCE_MS)
     for name, figure in readings.items():

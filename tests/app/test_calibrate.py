@@ -1,4 +1,4 @@
-"""`tsd-lab calibrate --drive` on a robot that runs as a process of its own, under a camera."""
+"""`tsd-lab calibrate --drive` on a robot in a separate process, under a camera."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import pytest
 from tests.app.conftest import Program
 from tests.support.bus_operator import BusOperator
 from tests.support.experiment_runs import is_picture
-from tests.support.robot_node import PATIENCE_S, PATIENT, running
+from tests.support.robot_node import PATIENCE_S, PATIENT, QUICK, running
 from tests.support.withheld import WithheldTime
 from tsd_mock import OverheadCamera
 from tsd_twin import robots
@@ -31,13 +31,13 @@ pytestmark = pytest.mark.system
 
 Start = Callable[..., Program]
 BUILT = re.sub(r"zero_deg = \S+", "zero_deg = 0.3", PATIENT)
-"""And one whose gimbals are off by more than thumbs would leave."""
+"""The same robot, with larger gimbal errors than alignment by hand leaves."""
 
 
 def drive(
     start: Start, endpoint: str, folder: Path, *flags: str, experiment: str = "calibrate"
 ) -> Program:
-    """Drive the robot there; nobody is asked."""
+    """Drive the robot at `endpoint` without asking for confirmation."""
     return start(
         "tsd_lab", experiment, "--drive", "--yes", "--connect", endpoint, "--out", str(folder),
         *flags,
@@ -58,7 +58,7 @@ def test_a_mock_under_a_camera_is_driven_and_what_is_wrong_with_it_found(
     assert lab.wait() == 0, lab.sentence
     assert is_picture(folder / "calibrate.png")
     log = folder / "calibrate_log.csv"
-    # Where the simulated gimbals stand when their servos say zero, by the seed.
+    # True zero angles of the simulated gimbals, from the seed.
     robot = robots.description_of_kind(
         robots.parse_description(BUILT, "built"), SingularityDescription
     )
@@ -71,7 +71,7 @@ def test_a_mock_under_a_camera_is_driven_and_what_is_wrong_with_it_found(
     zeros = np.radians(
         [found[f"module{i}_{part}"] for i in (1, 2, 3) for part in ("alpha", "beta")]
     )
-    # Three things are told of six zeros in one run: as well as zeros that are off by 0.03 degrees.
+    # One run observes only three combinations of the six zeros, so check those to 0.03 degrees.
     creep = twist_by_zero_offsets(robot)
     off = np.abs(creep @ (zeros - true.ravel()))
     assert (off < np.radians(0.03) * np.linalg.norm(creep, axis=1)).all()
@@ -80,7 +80,7 @@ def test_a_mock_under_a_camera_is_driven_and_what_is_wrong_with_it_found(
     assert written.calibration.tilt_offset_deg[0][0] == pytest.approx(
         np.degrees(zeros[0]), abs=1e-3
     )
-    # And on with the next run, which adds to this one.
+    # Continue with a second run, which adds to the first.
     assert any(f"--log {log}" in line for line in lab.output)
     again = drive(start, endpoint, folder)
     assert again.wait() != 0
@@ -92,7 +92,7 @@ def test_a_lab_that_is_killed_on_the_way_leaves_the_robot_at_rest(
     start: Start, tmp_path: Path, experiment: str
 ) -> None:
     with (
-        running() as node,
+        running(toml=QUICK) as node,
         BusOperator(node) as alice,
         node.client() as bus,
         OverheadCamera(bus, node.id),
@@ -103,10 +103,11 @@ def test_a_lab_that_is_killed_on_the_way_leaves_the_robot_at_rest(
         assert lab.end(signal.SIGKILL) == -signal.SIGKILL, lab.sentence
         withheld = WithheldTime()
         killed_at = alice.truth.xy_heading[:2]
-        # By itself; and nobody drives it any more.
+        # The robot stops automatically, and its lease expires.
         alice.wait_until(lambda: alice.status.mode == "ready")
         alice.wait_until(lambda: np.abs(alice.truth.twist).max() < 0.05)
-        # 0.31 m from the last command that counted at 1 m/s, docs/safety.md; it went slower.
+        # At 1 m/s, the robot stops within 0.31 m of the last accepted command (docs/safety.md);
+        # this run is slower.
         travel_m = np.hypot(*(alice.truth.xy_heading[:2] - killed_at))
         assert travel_m < 0.35 + 1.0 * withheld.total_s
         alice.wait_until(lambda: alice.status.lease.holder is None)
@@ -116,7 +117,7 @@ def test_a_lab_that_is_killed_on_the_way_leaves_the_robot_at_rest(
 def test_square_that_ends_on_the_way_leaves_the_robot_disarmed_and_released(
     start: Start, tmp_path: Path, ends: str
 ) -> None:
-    with running() as node, BusOperator(node) as alice, node.client() as bus:
+    with running(toml=QUICK) as node, BusOperator(node) as alice, node.client() as bus:
         camera = OverheadCamera(bus, node.id)
         with camera:
             lab = drive(start, node.endpoint, tmp_path, "--room", "1.2", experiment="square")
@@ -134,7 +135,7 @@ def test_square_that_ends_on_the_way_leaves_the_robot_disarmed_and_released(
 
 
 def test_without_a_camera_nothing_moves(start: Start, tmp_path: Path) -> None:
-    with running() as node, BusOperator(node) as alice, WithheldTime() as withheld:
+    with running(toml=QUICK) as node, BusOperator(node) as alice, WithheldTime() as withheld:
         lab = drive(start, node.endpoint, tmp_path)
         assert lab.wait() != 0
         assert f"no pose measurements on twin/{node.id}/sensor/pose" in lab.sentence

@@ -1,4 +1,4 @@
-"""`tsd-camera` as a user meets it."""
+"""`tsd-camera` as a user runs it."""
 
 from __future__ import annotations
 
@@ -14,10 +14,9 @@ import simplejpeg
 from tests.app.conftest import PATIENCE_S, Program
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.camera.setup_file import read_setup
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.pictures import CameraName, decode_camera_info, decode_picture
 from tsd_twin.messages.status import decode_status
-from tsd_twin.messages.topics import STATUS
+from tsd_twin.messages.topics import STATUS, Sample
 
 pytestmark = pytest.mark.system
 

@@ -1,7 +1,7 @@
-"""From a camera that calibrates itself to the square of the thesis, with real programs.
+"""From camera self-calibration to the square of the thesis, with real programs.
 
-A mock with all errors of a built robot and gimbal zeros off by 0.3°, under a simulated camera that
-uses the result of its own calibration.
+Drives a mock with all errors of a built robot and gimbal zeros off by 0.3°, under a simulated
+camera that uses its own calibration result.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from tests.support.experiment_runs import is_picture
 from tests.support.robot_node import PATIENT
 from tsd_twin import robots
 from tsd_twin.robots import SingularityDescription
-from tsd_twin.simulation.singularity import Actuation
+from tsd_twin.simulation.gimbal_actuation import Actuation
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(600)]
 
@@ -82,7 +82,7 @@ def test_a_robot_is_calibrated_and_drives_the_square_by_its_camera(
     assert lines[0].startswith("tsd: 4 runs")
     assert is_picture(tmp_path / "run3" / "calibrate.png")
 
-    # The errors that the seed has drawn, from the actuators of the simulation.
+    # The true errors drawn from the seed, read from the simulated actuators.
     robot = robots.description_of_kind(
         robots.parse_description(BUILT, "built"), SingularityDescription
     )
@@ -92,7 +92,7 @@ def test_a_robot_is_calibrated_and_drives_the_square_by_its_camera(
     zeros = [found[f"module{i}_{part}"] for i in (1, 2, 3) for part in ("alpha", "beta")]
     assert np.abs(np.degrees(true.zero_rad)).max() > 0.2
     assert zeros == pytest.approx(np.degrees(true.zero_rad), abs=0.02)
-    # No wheel speed is measured: each is found as its product with the radius.
+    # Wheel speed is not measured, so only the product of speed and radius is observable.
     spins = found["wheel_radius"] * np.array([found[f"module{i}_spin"] for i in (1, 2, 3)])
     true_spins = robot.drive.wheel_radius_m * true.sound_shares
     assert spins.mean() == pytest.approx(true_spins.mean(), rel=0.003)

@@ -2,126 +2,110 @@
 
 from __future__ import annotations
 
-import json
 import signal
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from tests.app.conftest import PATIENCE_S, Program
+from tests.app.conftest import Program
 from tests.support.bridge_machine import QUICK, wait_until
-from tests.support.page_client import Page
+from tests.support.wheel_rig import Rig, opened
 from tsd_twin import robots
+from tsd_twin.messages.codes import Code
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(240)]
 
 Start = Callable[..., Program]
-GROUPS = {"kiwi": "239.74.163.31", "tsd": "239.74.163.32"}
+ROBOTS = ("kiwi", "tsd")
+GROUP = "239.74.163.31"
+"""Shared by all tests, because python-can receives from every group on its port."""
+FAULTS = {
+    "kiwi": [("mute 2", {Code.WHEELS_SILENT}), ("fault 2 38", {Code.WHEEL_FAULT})],
+    "tsd": [
+        ("mute 2", {Code.WHEELS_SILENT}),
+        ("temperature_c 2 95", {Code.WHEEL_FAULT}),
+        ("servos dead 3", {Code.SERVOS_SILENT}),
+        ("servos hot 3", {Code.SERVO_TOO_HOT}),
+        ("servos limp 3", {Code.SERVO_LIMP}),
+        ("servos unplug", {Code.DEVICE_DISCONNECTED, Code.DEVICE_SILENT, Code.ALL_SERVOS_SILENT}),
+    ],
+}
 
 
-@dataclass
-class Rig:
-    """Motors, bridge, dashboard and a page."""
-
-    motors: Program
-    bridge: Program
-    page: Page
-    stops: list[str] = field(default_factory=list[str])
-    """Reasons of stops while it was to drive."""
-
-    def show(self) -> dict[str, Any]:
-        count = len(self.motors.output)
-        self.tell("show")
-        wait_until(lambda: len(self.motors.output) > count, "an answer of the motors")
-        return json.loads(self.motors.output[count])
-
-    def tell(self, command: str) -> None:
-        assert self.motors.process.stdin is not None
-        self.motors.process.stdin.write(command + "\n")
-        self.motors.process.stdin.flush()
-
-    @property
-    def driven(self) -> bool:
-        return any(self.show()["driven"])
-
-    def drive(self) -> None:
-        end_s = time.monotonic() + PATIENCE_S
-        while time.monotonic() < end_s:
-            self.page.let_go()
-            try:
-                self.page.make_ready()
-                self.page.drive(0.2, 0.0, 0.0)
-            except AssertionError:
-                self.stops.append(str(self.page.state["status"].get("stop")))
-                continue
-            if self.driven:
-                return
-        raise AssertionError((self.page.mode, self.stops))
-
-    def stands(self, seconds: float = 0.7) -> bool:
-        end_s = time.monotonic() + seconds
-        while time.monotonic() < end_s:
-            if self.driven:
-                return False
-        return True
+def flags_of(start: Start, folder: Path, name: str, ids: str) -> tuple[Program, list[str]]:
+    """Start the motors of a robot; return them and the flags for its bridge."""
+    kind = "moteus" if name == "kiwi" else "vesc"
+    (folder / "robot.toml").write_text(robots.read_description("kiwi") if name == "kiwi" else QUICK)
+    (folder / "mine.toml").write_text(f'[motor_controllers]\nkind = "{kind}"\nids = [1, 2, 3]\n')
+    motors = start("tests.support.can_motors", "--channel", GROUP, "--kind", kind, "--ids", ids)
+    motors.ready()
+    files = ["--robot", str(folder / "robot.toml"), "--calibration", str(folder / "mine.toml")]
+    return motors, ["--can", f"udp_multicast:{GROUP}", *files]
 
 
 @contextmanager
-def rig_of(start: Start, folder: Path, name: str) -> Iterator[Rig]:
-    kind = "moteus" if name == "kiwi" else "vesc"
-    text = robots.read_description("kiwi") if name == "kiwi" else QUICK
-    (folder / "robot.toml").write_text(text)
-    (folder / "mine.toml").write_text(f'[motor_controllers]\nkind = "{kind}"\nids = [1, 2, 3]\n')
-    motors = start("tests.support.can_motors", "--channel", GROUPS[name], "--kind", kind)
-    motors.ready()
-    servos: list[str] = []
+def rig_of(start: Start, folder: Path, name: str) -> Generator[Rig]:
+    motors, flags = flags_of(start, folder, name, "1,2,3")
+    servos = None
     if name == "tsd":
-        servos = ["--servos", str(folder / "servos")]
-        start("tests.support.servo_chain", servos[1]).ready()
-    page = None
-    try:
-        bridge = start(
-            "tsd_bridge",
-            *("--can", f"udp_multicast:{GROUPS[name]}", "--listen", "tcp/127.0.0.1:0"),
-            *("--robot", str(folder / "robot.toml"), "--calibration", str(folder / "mine.toml")),
-            *servos,
-        )
-        endpoint = bridge.ready().split()[-1]
-        dashboard = start("tsd_dashboard", "--port", "0", "--connect", endpoint)
-        port = int(dashboard.ready().split("http://")[1].split(":")[1].split("/")[0].split()[0])
-        page = Page(port, "0123456789abcdef")
-        page.until(lambda: page.state)
-        yield Rig(motors, bridge, page)
-    finally:
-        if page is not None:
-            page.close()
+        flags += ["--servos", str(folder / "servos")]
+        servos = start("tests.support.servo_chain", flags[-1])
+        servos.ready()
+    with opened(start, name, motors, flags, servos=servos) as rig:
+        yield rig
 
 
-@pytest.mark.parametrize("name", GROUPS)
-def test_it_is_driven_stopped_and_stands_after_each_fault_until_armed_again(
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_controller_with_another_id_is_refused_and_a_killed_bridge_stops_the_motors(
     start: Start, tmp_path: Path, name: str
 ) -> None:
+    motors, flags = flags_of(start, tmp_path, name, "1,2,9")
+    if name == "tsd":
+        flags += ["--servos", str(tmp_path / "servos")]
+        start("tests.support.servo_chain", flags[-1]).ready()
+    bridge = start("tsd_bridge", "--listen", "tcp/127.0.0.1:0", *flags)
+    assert bridge.wait() == 1
+    assert "motor controller of" in bridge.sentence
+    assert "it does not answer" in bridge.sentence
+    motors.end()
     with rig_of(start, tmp_path, name) as rig:
-        rig.drive()
-        rig.page.send(t="stop")
-        wait_until(lambda: not rig.driven, "stopped")
-        assert rig.stands()
-        rig.drive()
-        rig.tell("mute 2")
-        rig.page.until(lambda: rig.page.mode == "fault")
-        wait_until(lambda: not rig.driven, "a silent controller stops all")
-        rig.tell("mend")
-        assert rig.stands(), "mended, the stick is held, and nothing turns"
-        rig.drive()
-        rig.bridge.process.send_signal(signal.SIGSTOP)
-        wait_until(lambda: not rig.driven, "the dead-man of the controllers")
-        rig.bridge.process.send_signal(signal.SIGCONT)
-        assert rig.stands(), "the bridge goes on, and no speed comes back"
         rig.drive()
         rig.bridge.process.kill()
         wait_until(lambda: not rig.driven, "the dead-man of the controllers")
+
+
+@pytest.fixture(scope="module", params=ROBOTS)
+def shared(
+    request: pytest.FixtureRequest, start_shared: Start, tmp_path_factory: pytest.TempPathFactory
+) -> Generator[Rig]:
+    folder = tmp_path_factory.mktemp(request.param)
+    with rig_of(start_shared, folder, request.param) as rig:
+        yield rig
+
+
+def test_stop_of_the_page_stops_the_wheels_until_reset_and_arming(shared: Rig) -> None:
+    shared.drive()
+    shared.page.send(t="stop")
+    wait_until(lambda: not shared.driven, "stopped")
+    assert shared.stands()
+
+
+def test_each_fault_is_named_and_nothing_turns_until_armed_again(shared: Rig) -> None:
+    for harm, codes in FAULTS[shared.name]:
+        shared.drive()
+        shared.tell(harm)
+        wait_until(lambda: not shared.driven, f"{harm}: off")
+        shared.page.until(lambda: shared.code)
+        assert shared.code in codes, harm
+        shared.mend()
+        assert shared.stands(), f"{harm}: mended, the stick is held, and nothing turns"
+
+
+def test_a_bridge_that_hangs_leaves_motors_that_stop(shared: Rig) -> None:
+    shared.drive()
+    shared.bridge.process.send_signal(signal.SIGSTOP)
+    wait_until(lambda: not shared.driven, "the dead-man of the controllers")
+    shared.bridge.process.send_signal(signal.SIGCONT)
+    assert shared.stands(), "the bridge goes on, and no speed comes back"

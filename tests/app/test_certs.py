@@ -1,4 +1,4 @@
-"""`tsd-certs` as a user meets it: what it prints is what to do, and then it works."""
+"""`tsd-certs` as a user runs it: following its printed instructions works."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ROBOT = ("--robot-host", "127.0.0.1", "--listen", "tls/127.0.0.1:0")
 
 
 def printed(program: Program, word: str) -> list[list[str]]:
-    """Return the words after `word` in each line of the output that has it."""
+    """Return the arguments after `word` on each output line that contains it."""
     found = [line.partition(f"{word}  ")[2] for line in program.output if f"{word}  " in line]
     return [shlex.split(text) for text in found]
 
@@ -45,7 +45,7 @@ def test_what_it_prints_makes_a_robot_that_is_reached_with_tls(
     endpoint = mock.ready().split()[-1]
     assert endpoint.startswith("tls/127.0.0.1:")
 
-    # The robot took a free port; a new configuration for guest knows it.
+    # The robot chose a free port, so a new guest configuration is needed.
     (keys / "guest.json5").unlink()
     assert start("tsd_certs", str(keys), "--listen", endpoint).wait() == 0
     with Bus(from_file(str(keys / "guest.json5"))) as guest:
@@ -123,7 +123,7 @@ def test_a_router_with_rights_per_robot_is_reached_as_it_prints(
     endpoint = routing.ready().split()[-1]
     people = ("--operator", "alice", "--robots", "lab1", "--watch", "lab2", "--listen", endpoint)
     for file in keys.glob("lab*.json5"):
-        file.unlink()  # The router took a free port; new configurations know it.
+        file.unlink()  # The router chose a free port, so new configurations are needed.
     certs = start("tsd_certs", str(keys), *people)
     assert certs.wait() == 0
     assert any("operator alice, robots lab1, watches lab2, until" in x for x in certs.output)

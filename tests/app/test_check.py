@@ -1,6 +1,6 @@
 """`tsd-bridge --check` in a real terminal, with simulated machines behind a real pty.
 
-The robot must be left disarmed, with goals that do not move, however the program ends.
+However the program ends, the robot must be disarmed, with goals that do not move.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ ANSWERS = {
 
 
 class Terminal:
-    """Terminal window in which a program runs, as the process that controls it."""
+    """Terminal window that runs a program as its controlling process."""
 
     def __init__(self, *arguments: str) -> None:
         self._master, slave = pty.openpty()
@@ -77,12 +77,12 @@ class Terminal:
         return self.shown.rpartition("\n")[2]
 
     def enter(self, answer: str) -> None:
-        """Type an answer."""
+        """Type a reply."""
         self.shown += answer + "\n"
         os.write(self._master, answer.encode() + b"\n")
 
     def close(self) -> None:
-        """Close the window: the system tells the program."""
+        """Close the window; the system notifies the program."""
         if self._open:
             self._open = False
             os.close(self._master)
@@ -110,7 +110,7 @@ def checking(*arguments: str) -> Generator[Terminal]:
 
 
 def begun(file: Path, robot: RobotDescription, kind: str, *left: str) -> None:
-    """Write the sheet of a machine at which all motions have passed but for some."""
+    """Write the sheet of a machine on which all motions but some have passed."""
     sheet = Sheet(robot.name, kind)
     for step in steps_for(kind, robot.kinematics().joints):
         if isinstance(step, (Tilt, Swing, Turn)) and step.name not in left:
@@ -127,7 +127,7 @@ ENDS: dict[str, Callable[[Terminal], object]] = {
 
 
 def answer_until(terminal: Terminal, part: str | None, act: Callable[[str], str]) -> None:
-    """Answer all questions before the one with some words, or until the program ends."""
+    """Answer all questions up to one with certain words, or until the program ends."""
     while (question := terminal.question()) and (part is None or part not in question):
         known = next((text for words, text in ANSWERS.items() if words in question), "")
         terminal.enter(known or act(question))
@@ -135,7 +135,7 @@ def answer_until(terminal: Terminal, part: str | None, act: Callable[[str], str]
 
 
 def keeps(file: Path, robot: RobotDescription, kind: str, before: str) -> None:
-    """Check that a sheet has all that passed before a step, and no result of this one."""
+    """Check that a sheet keeps all results before a step, and has none for the step."""
     names = [step.name for step in steps_for(kind, robot.kinematics().joints)]
     results = read_sheet(file, robot.name, kind).results
     passed = [name for name in names[: names.index(before)] if name in {r.step for r in results}]
@@ -191,7 +191,7 @@ def interrupt_mega(box: Box, folder: Path, step: str, part: str, end: str) -> No
 def wheels(
     start_shared: Start, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Box, RobotDescription, str]:
-    """Servos of a kiwi, and its description."""
+    """Wheel servos of a kiwi, and its description."""
     folder = tmp_path_factory.mktemp("wheels")
     (folder / "robot.toml").write_text(WHEEL_ROBOTS["kiwi"].text)
     port = str(folder / "port")

@@ -1,4 +1,4 @@
-"""`tsd-demo` and `tsd-dashboard` as a user meets them."""
+"""`tsd-demo` and `tsd-dashboard` as a user runs them."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_when_the_robot_dies_the_demo_ends(start: Start) -> None:
 
 
 def test_usual_ports_that_are_taken_are_replaced(start: Start) -> None:
-    """And that is said: programs that look at the usual port would find another robot there."""
+    """The demo reports it, because programs on the default port would find another robot."""
     urls: dict[Program, str] = {}
     buses: dict[Program, str] = {}
     for _ in range(2):

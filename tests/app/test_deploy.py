@@ -1,4 +1,4 @@
-"""Units of systemd, and the command that sets up a server, in a folder in place of its root."""
+"""systemd units, and the server setup command run in a folder instead of the root."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SERVER = ("tsd-certs", "tsd-router", "tsd-dashboard", "tsd-record")
 
 
 class Unit(configparser.RawConfigParser):
-    """Unit of systemd; keys that may be repeated are joined by lines."""
+    """systemd unit; repeated keys are joined by newlines."""
 
     def __init__(self, file: Path) -> None:
         super().__init__(strict=False)
@@ -80,7 +80,7 @@ def test_systemd_reads_a_unit(file: Path, tmp_path: Path) -> None:
 
 @pytest.fixture
 def programs(tmp_path: Path) -> Path:
-    """Folder with our programs, as a virtual environment has them."""
+    """Folder of our programs, as in a virtual environment."""
     folder = tmp_path / "bin"
     folder.mkdir()
     for name in ("tsd-certs", "tsd-users"):

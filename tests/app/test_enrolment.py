@@ -1,4 +1,4 @@
-"""A robot joins a router with one line, as `tsd-certs` prints it: all are processes."""
+"""A robot joins a router with the line printed by `tsd-certs`, in separate processes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Start = Callable[..., Program]
 
 @pytest.fixture
 def fleet(start: Start, tmp_path: Path) -> Path:
-    """Folder of a router with two reserved robots."""
+    """Router folder with two reserved robots."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         where = f"tls/127.0.0.1:{probe.getsockname()[1]}"
@@ -31,7 +31,7 @@ def fleet(start: Start, tmp_path: Path) -> Path:
 
 
 def printed_flags(certs: Program) -> list[list[str]]:
-    """Return the flags in the printed line of each robot."""
+    """Return the flags in the printed line for each robot."""
     lines = [shlex.split(line) for line in certs.output if "--join" in line]
     assert all(line.pop(0) == "tsd-bridge" for line in lines)
     return lines
@@ -55,7 +55,7 @@ def test_a_robot_joins_with_one_line_and_runs_without_a_restart(
         assert alice.query(Service.LEASE.key("lab1"), b"{}", PATIENCE_S)
     assert mock.end() == 0
 
-    # The files are there, so it does not ask again, and a second computer gets none.
+    # The files exist, so it does not ask again, and a second computer is refused.
     mock = start("tsd_mock", "--join", first[1], "--keys", keys)
     assert mock.ready().split()[2] == "lab1"
     assert f"lab1 has joined already: using {keys}/lab1.json5" in mock.output
@@ -67,7 +67,7 @@ def test_a_robot_joins_with_one_line_and_runs_without_a_restart(
 
     other = start("tsd_mock", *second, "--keys", str(tmp_path / "other"))
     assert other.ready().split()[2] == "lab2"
-    assert certs.wait() == 0  # All have joined.
+    assert certs.wait() == 0  # All robots have joined.
     assert other.end() == router.end() == 0
     report = start("tsd_certs", str(fleet))
     assert report.wait() == 0

@@ -1,4 +1,4 @@
-"""`tsd-foxglove` as a user meets it, with a client of the protocol that is not ours."""
+"""`tsd-foxglove` as a user runs it, with a third-party client of the protocol."""
 
 from __future__ import annotations
 
@@ -56,17 +56,17 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Stage:
-    """A robot and the adapter, as processes of their own."""
+    """Robot and adapter in separate processes."""
 
     endpoint: str
     relay: Relay
-    """Between robot and adapter."""
+    """Relay between robot and adapter."""
     url: str
     robot: Program
     adapter: Program
 
     def withheld(self) -> WithheldTime:
-        """Measure what the machine withholds from robot, adapter and this process."""
+        """Measure the CPU time withheld from the robot, the adapter and this process."""
         return WithheldTime(self.robot.process.pid, self.adapter.process.pid, os.getpid())
 
     def run(self, work: Coroutine[Any, Any, T]) -> T:
@@ -98,7 +98,7 @@ def stage(tmp_path_factory: pytest.TempPathFactory) -> Generator[Stage]:
 
 @pytest.fixture(autouse=True)
 def at_rest(request: pytest.FixtureRequest) -> Generator[None]:
-    """Each test leaves the robot free, and begins with it disarmed."""
+    """Start each test with the robot free and disarmed."""
     yield
     if "stage" in request.fixturenames:
         stage: Stage = request.getfixturevalue("stage")
@@ -111,7 +111,7 @@ def at_rest(request: pytest.FixtureRequest) -> Generator[None]:
 
 
 def arm_and_release(endpoint: str) -> None:
-    """Leave the robot ready, without an operator: for ten seconds it stays so."""
+    """Leave the robot ready, without an operator; it remains ready for 10 s."""
     with Bus(as_client(client_config([endpoint]), PATIENCE_S)) as bus:
 
         def ask(service: str, **request: object) -> Any:
@@ -171,12 +171,12 @@ def test_a_foreign_client_arms_drives_and_silence_stops_the_robot(
     async def drive_and_fall_silent(it: ForeignClient) -> None:
         await it.pause()
         before, start_m = it.status["stops"], it.x_m
-        await it.push(SPEED_MPS, 1.2, encoding)
-        with stage.withheld() as withheld:
+        with stage.withheld() as withheld:  # The latest pose may have come late, too.
+            await it.push(SPEED_MPS, 1.2, encoding)
             last_m, last_s = it.x_m, time.monotonic()
             await it.until(lambda: it.status["mode"] == "ready", "it does not stop")
             await it.until_still()
-        # The newest pose that has come in is up to two periods of the stream old.
+        # The latest received pose may be two stream periods old.
         travel_m = it.x_m - last_m
         assert travel_m < ALLOWANCE_M + (0.04 + withheld.total_s) * SPEED_MPS
         assert time.monotonic() - last_s < 10.0
@@ -222,8 +222,8 @@ def test_a_person_who_takes_over_has_control_and_twists_do_not_take_it_back(stag
             assert it.status["lease"]["holder"] is None, "nor does a new push"
             assert (await it.call("/arm"))["success"]
             await it.pause()
-            await it.push(0.3, 0.6)
-            assert it.x_m - at_m > 0.02, "the service arm takes control again"
+            async with it.driving(0.3, lambda: it.x_m - at_m > 0.02):
+                pass  # The service arm takes control again.
 
     stage.run(work())
 
@@ -252,10 +252,10 @@ def test_a_client_that_is_killed_leaves_a_robot_at_rest_and_free(stage: Stage) -
             async with foreign_client(stage.url) as driver:
                 await driver.call("/arm")
                 await driver.pause()
+                withheld = stage.withheld()  # The latest pose may have come late, too.
                 await driver.push(SPEED_MPS, 0.8)
-                withheld = stage.withheld()
                 last_m = it.x_m
-                # As the system does for a process that is killed.
+                # The system sends this for a killed process.
                 driver.client._websocket.transport.abort()
             await it.until(lambda: it.status["lease"]["holder"] is None, "still held")
             await it.until_still()
@@ -268,7 +268,7 @@ def test_a_client_that_is_killed_leaves_a_robot_at_rest_and_free(stage: Stage) -
 def test_a_robot_that_comes_back_into_reach_is_not_moved_by_a_stick_that_is_held_on(
     stage: Stage,
 ) -> None:
-    """The adapter loses its connections to the robot, which stays ready meanwhile."""
+    """The adapter loses its connection to the robot, which remains ready."""
 
     async def work() -> float:
         async with foreign_client(stage.url) as it:
@@ -322,7 +322,7 @@ def test_the_adapter_that_hangs_drives_on_with_no_command_of_before(stage: Stage
 
 
 def test_a_client_that_answers_no_ping_drives_nothing_and_is_cut_off(stage: Stage) -> None:
-    """Without answers the age of its twists has no bound: so it is with a link that has stalled."""
+    """Without pong replies the age of its twists is unbounded, as over a stalled link."""
 
     async def work() -> None:
         async with foreign_client(stage.url) as it:
@@ -333,7 +333,7 @@ def test_a_client_that_answers_no_ping_drives_nothing_and_is_cut_off(stage: Stag
             ):
                 channel = {"id": 1, "topic": "/cmd_vel", "encoding": "json", "schemaName": TWIST}
                 await line.send_json({"op": "advertise", "channels": [channel]})
-                start_s, start_m = time.monotonic(), it.x_m
+                start_s, start_m, withheld = time.monotonic(), it.x_m, stage.withheld()
                 await asyncio.sleep(0.4)
 
                 async def push() -> None:
@@ -346,7 +346,8 @@ def test_a_client_that_answers_no_ping_drives_nothing_and_is_cut_off(stage: Stag
                     message.data async for message in line if message.type is aiohttp.WSMsgType.TEXT
                 ]
                 pushing.cancel()
-                assert SILENT_S - 0.5 < time.monotonic() - start_s < SILENT_S + 5.0
+                took_s = time.monotonic() - start_s
+                assert SILENT_S - 0.5 < took_s < SILENT_S + 5.0 + withheld.total_s
                 assert any("comes too late" in text for text in texts), texts
                 assert abs(it.x_m - start_m) < 1e-3
 
@@ -354,9 +355,9 @@ def test_a_client_that_answers_no_ping_drives_nothing_and_is_cut_off(stage: Stag
 
 
 async def closed_by(url: str, data: bytes | str, patience_s: float = PATIENCE_S) -> int | None:
-    """Return the code with which the connection is closed that sends this; None if it is not.
+    """Return the close code of a connection that sends `data`, or None if it remains open.
 
-    Without a closing handshake the code is 1006, as for browsers.
+    Without a closing handshake the code is 1006, as in browsers.
     """
     async with (
         aiohttp.ClientSession() as session,
@@ -367,7 +368,7 @@ async def closed_by(url: str, data: bytes | str, patience_s: float = PATIENCE_S)
             async with asyncio.timeout(patience_s):
                 async for _ in line:
                     pass
-        except aiohttp.ClientConnectionResetError:  # While a ping was answered.
+        except aiohttp.ClientConnectionResetError:  # While replying to a ping.
             return aiohttp.WSCloseCode.ABNORMAL_CLOSURE
         except TimeoutError:
             pass
@@ -402,9 +403,9 @@ def test_hostile_messages_move_nothing_and_end_nothing(stage: Stage) -> None:
             assert any("not finite" in text for text in it.said)
             ids = [{"id": i, "channelId": i} for i in range(1000)]
             many = json.dumps({"op": "subscribe", "subscriptions": ids})
-            # Too long. The reason may be lost: the connection ends before all of it is sent.
+            # The message is too long. The close reason may be lost if the connection ends first.
             assert await closed_by(stage.url, bytes(1_000_000)) in (1009, 1006)
-            # It floods itself with errors, which ends its own connection at most.
+            # Its own error replies flood only its own connection.
             await closed_by(stage.url, many, patience_s=2.0)
             await it.until(lambda: abs(it.x_m - start_m) < 1e-3, "moved")
             await it.pause()

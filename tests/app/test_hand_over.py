@@ -1,4 +1,4 @@
-"""Two people at two pages: one asks for control, the other hands it over, by keyboard."""
+"""Two operators at two pages: one requests control, the other grants it, by keyboard."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 
 ACTIVE = "document.activeElement?.textContent ?? ''"
 SOON_MS = 30_000
-"""A page that stalls loses control, and what was to come then never comes."""
+"""A stalled page loses control, so an expected change may never occur."""
 
 
 def deck(page: Page) -> Locator:
@@ -34,7 +34,7 @@ def drives(page: Page) -> Locator:
 
 
 def give_control(page: Page, other: Page) -> None:
-    """Let a page have control, which the other can ask for, whatever the last trial has left."""
+    """Give control to one page, from any state, so that the other can request it."""
     ask = other.get_by_role("button", name="Ask for control")
     for _ in range(PATIENCE_MS // 200):  # Each turn waits for 200 ms.
         if drives(page).is_visible() and ask.is_visible():
@@ -55,7 +55,7 @@ def hand_over_by_keyboard(alice: Page, bob: Page) -> None:
     # Once, and so that screen readers hear of it.
     expect(alice.locator("[aria-live=polite]").filter(has_text=asks)).to_have_count(1)
     assert alice.evaluate(ACTIVE) == before, "the question takes no focus"
-    expect(drives(alice)).to_be_visible()  # Who stalls loses control to who has asked for it.
+    expect(drives(alice)).to_be_visible()  # A stalled page loses control to the requester.
     expect(drives(bob)).to_be_hidden()
     alice.get_by_role("button", name="Hand over").focus()
     alice.keyboard.press("Enter")
@@ -65,7 +65,7 @@ def hand_over_by_keyboard(alice: Page, bob: Page) -> None:
 
 
 def take_over_by_force(alice: Page, bob: Page) -> None:
-    """With a reason that both can read."""
+    """Take over with a reason, which both pages show."""
     press(alice, "Take over", SOON_MS)
     dialog = alice.get_by_role("dialog", name="Take over")
     dialog.get_by_label("Reason, for all to see").fill("it is my robot")

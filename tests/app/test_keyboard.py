@@ -1,4 +1,4 @@
-"""Keyboard alone, the sheet of keys, and the operator's name: in a real browser."""
+"""Keyboard operation, the list of keys and the operator's name, in a real browser."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from tests.app.conftest import Program
-from tests.support.browser import FEW_FRAMES, PATIENCE_MS, give_back, mode
+from tests.support.browser import FEW_FRAMES, PATIENCE_MS, give_back, mode, until_linked
 from tests.support.withheld import budget
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 
 MOVING = re.compile(r"^(0\.(0[5-9]|[1-9])|[1-9])")
-"""A page that was slow when it took control is granted little speed, as over a far link."""
+"""A page that was slow when it took control gets a low speed limit, as over a slow link."""
 AT_REST = "0.00"
 IS_ON_TOP = """(node) => {
   const { left, top, width, height } = node.getBoundingClientRect();
@@ -53,7 +53,7 @@ def tab_to(page: Page, target: Locator) -> None:
     """Go to a control with the Tab key alone."""
     expect(target).to_be_visible(timeout=_WAIT_MS)
     for _ in range(_TABS):
-        # Without waiting: a control that is needed no more is gone.
+        # Do not wait for the control, because it may already be gone.
         if target.evaluate_all("(found) => found.includes(document.activeElement)"):
             return
         page.keyboard.press("Tab")
@@ -69,9 +69,9 @@ def speed_is(page: Page, figure: str | re.Pattern[str], patience_ms: float = 500
 
 
 def get_ready(page: Page) -> None:
-    """Take control, reset and arm by Enter, whatever of it is lost, and wait for rest.
+    """Take control, reset and arm with Enter as needed, and wait for standstill.
 
-    A page that gets no time is silent, and loses control; a robot that gets none is in a fault.
+    A starved page falls silent and loses control; a starved robot enters a fault.
     """
     said = page.get_by_role("status", name="Mode")
     for _ in budget.tries("take control and arm by key", _TRIES):
@@ -90,7 +90,7 @@ def get_ready(page: Page) -> None:
 
 
 def hold_until_it_moves(page: Page, key: str, focused: Locator | None = None) -> None:
-    """Hold a key, and again if the page has stalled, and so has let go."""
+    """Hold a key until the robot moves; retry if a stalled page released it."""
     for _ in budget.tries("hold a key", _TRIES):
         get_ready(page)
         if focused is not None:
@@ -121,7 +121,7 @@ def test_a_robot_is_driven_by_keyboard_alone(page: Page) -> None:
     page.keyboard.down("Enter")
     mode(page, "disarmed")
     for _ in range(5):
-        page.keyboard.down("Enter")  # Repeats itself, as under a hand that goes on holding.
+        page.keyboard.down("Enter")  # Auto-repeat, as with a held key.
     page.keyboard.up("Enter")
     page.wait_for_timeout(500)
     mode(page, "disarmed")
@@ -161,13 +161,11 @@ def test_the_name_that_an_operator_types_is_kept_and_shown_to_others(page: Page)
     assert browser is not None
     other = browser.new_page()
     other.goto(page.url)
+    until_linked(other)
+    page.bring_to_front()
+    until_linked(page)
+    tab_to(page, button(page, "Take control"))
+    page.keyboard.press("Enter")
     driven = other.get_by_role("banner").get_by_text("Анна Müller drives")
-    for _ in budget.tries("take control by key", _TRIES):
-        with contextlib.suppress(AssertionError):
-            if button(page, "Take control").is_visible():
-                tab_to(page, button(page, "Take control"))
-                page.keyboard.press("Enter")
-            expect(driven).to_be_visible(timeout=_WAIT_MS)
-            break
-    expect(driven).to_be_visible()
+    expect(driven).to_be_visible(timeout=PATIENCE_MS)
     other.close()

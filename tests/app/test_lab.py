@@ -1,4 +1,4 @@
-"""`tsd-lab` as a user starts it."""
+"""`tsd-lab` as a user runs it."""
 
 from __future__ import annotations
 

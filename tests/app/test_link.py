@@ -1,4 +1,4 @@
-"""`tsd-link` as a user meets it, alone and in the demo."""
+"""`tsd-link` as a user runs it, alone and in the demo."""
 
 from __future__ import annotations
 

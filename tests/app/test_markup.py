@@ -1,4 +1,4 @@
-"""Whatever a robot or an operator says is shown as text, never executed: in a real browser."""
+"""Text from robots and operators is never executed in a real browser."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 
 
 def markup(where: str) -> str:
-    """Markup that leaves a word in the page when it is executed."""
+    """Markup that leaves a marker in the page if executed."""
     return f"<img src=x onerror=\"document.documentElement.dataset.ran='{where}'\">"
 
 
@@ -59,7 +59,7 @@ def test_markup_in_titles_reasons_and_events_is_text(
         mode(page, "stopped")
         expect(page.get_by_text(markup("reason")).first).to_be_visible(timeout=PATIENCE_MS)
         expect(page.get_by_text(markup("event")).first).to_be_attached(timeout=PATIENCE_MS)
-        page.wait_for_timeout(500)  # An image that fails to load takes a moment to say so.
+        page.wait_for_timeout(500)  # A broken image takes a moment to report its error.
     assert page.locator("img[src=x]").count() == 0
     assert page.locator("html").get_attribute("data-ran") is None
     assert markup("title") in page.content() or "&lt;img" in page.content()

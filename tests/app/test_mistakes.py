@@ -1,4 +1,4 @@
-"""A mistake on the command line ends each program with one sentence, and never with a traceback."""
+"""Mistakes on the command line end each program with one sentence and no traceback."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ FLAGS: dict[str, str] = {
         --rmw cyclone
     """,
 }
-"""Flags that cannot be: exit code 2."""
+"""Invalid flags; exit code 2."""
 
 OTHERS: dict[str, str] = {
     "tsd_dashboard": """
@@ -327,12 +327,12 @@ OTHERS: dict[str, str] = {
         --robot a/b
     """,
 }
-"""Flags that could be, with files, devices, hosts or names that do not fit."""
+"""Valid flags with unsuitable files, devices, hosts or names."""
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A folder with files of the wrong kinds."""
+    """Folder with files of wrong kinds."""
     (tmp_path / "folder").mkdir()
     (tmp_path / "binary").write_bytes(bytes(range(256)))
     (tmp_path / "text").write_text("This is a letter, {and no file of ours.\n", encoding="utf-8")
@@ -344,7 +344,7 @@ def folder(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def busy_port() -> Iterator[int]:
-    """A port that another program listens on; it accepts, and says nothing."""
+    """A port on which another program accepts connections and stays silent."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         yield server.getsockname()[1]
 
@@ -367,7 +367,7 @@ def test_a_flag_that_cannot_be_is_one_sentence_and_exit_code_2(module: str, fold
 
 @pytest.mark.parametrize("module", OTHERS)
 def test_what_does_not_fit_is_one_sentence(module: str, folder: Path, busy_port: int) -> None:
-    """The demo adds one to that of a program that it has started."""
+    """The demo adds a sentence to the error of the program it starts."""
     mistakes = lines(OTHERS[module].replace("BUSY", str(busy_port)))
     ended = start_each(module, mistakes, folder)
     names = (name(module), "tsd-mock") if module == "tsd_demo" else (name(module),)

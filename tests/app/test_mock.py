@@ -1,4 +1,4 @@
-"""`tsd-mock` as a user meets it: it says when it is ready, ends when told, explains mistakes."""
+"""`tsd-mock` as a user runs it: ready line, shutdown and error messages."""
 
 from __future__ import annotations
 
@@ -17,9 +17,8 @@ from tests.support.mistaken_programs import start_each
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.errors import NoAnswerError
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.status import decode_status
-from tsd_twin.messages.topics import STATUS, Service, alive_key
+from tsd_twin.messages.topics import STATUS, Sample, Service, alive_key
 
 pytestmark = pytest.mark.system
 
@@ -28,7 +27,7 @@ ANY_PORT = ("--listen", "tcp/127.0.0.1:0")
 
 
 def description(bus: Bus, robot: str) -> bytes:
-    """Ask until there is an answer: a session connects in the background."""
+    """Query until a reply arrives, because the session connects in the background."""
     end_s = time.monotonic() + PATIENCE_S
     while True:
         try:
@@ -91,7 +90,7 @@ def test_a_mistake_ends_in_one_clear_sentence(tmp_path: Path) -> None:
     for (arguments, words), mock in zip(mistakes, ended, strict=True):
         assert mock.code != 0, arguments
         assert "Traceback" not in mock.said
-        # What stands before it is how the flags are written, over as many lines as it takes.
+        # The usage lines before the error may wrap.
         said = mock.said.splitlines()
         assert len([x for x in said if not x.startswith(("usage:", " ")) and x.strip()]) == 1
         for word in words:

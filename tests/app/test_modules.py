@@ -1,4 +1,4 @@
-"""What an operator does about the wheels of a singularity drive, and sees of one that sticks."""
+"""Module controls and fault display of a singularity drive."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from tests.support.browser import PATIENCE_MS, get_ready, mode
 from tests.support.withheld import budget
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.status import RobotStatus, WheelSpeedStatus, decode_status
+from tsd_twin.messages.topics import Sample
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 
@@ -25,7 +25,7 @@ _PRESSES = 20
 
 
 class Watcher:
-    """Hears what the robot says."""
+    """Subscribes to status and wheel speeds."""
 
     def __init__(self, bus: Bus) -> None:
         self._news = threading.Condition()
@@ -38,7 +38,7 @@ class Watcher:
             self._news.notify_all()
 
     def until(self, condition: Callable[[RobotStatus], bool]) -> RobotStatus:
-        """Wait for a status as expected, and return it."""
+        """Wait for a matching status and return it."""
         with self._news:
             assert self._news.wait_for(
                 lambda: self._status is not None and condition(self._status), PATIENCE_S
@@ -47,12 +47,12 @@ class Watcher:
             return self._status
 
     def until_wheels(self, condition: Callable[[WheelSpeedStatus], bool]) -> None:
-        """Wait for a wheel speed as expected."""
+        """Wait for a matching wheel speed."""
         self.until(lambda status: status.wheel_speed is not None and condition(status.wheel_speed))
 
 
 def choose_speed(page: Page, watcher: Watcher) -> None:
-    """By number, by key and by the speed range: the wheels spin as the page says."""
+    """Set the wheel speed by number, key and slider; the wheels follow."""
     spins = page.get_by_role("spinbutton", name="Wheel speed in rpm")
     expect(spins).to_be_enabled(timeout=PATIENCE_MS)
     spins.fill("3000")
@@ -66,21 +66,21 @@ def choose_speed(page: Page, watcher: Watcher) -> None:
     watcher.until_wheels(lambda wheels: wheels.requested_rpm == 2950.0)
     top = page.get_by_role("spinbutton", name="Wheel speed for up to this many m/s")
     top.fill("4.5")
-    top.press("Tab")  # 4.5 m/s at 30 degrees is a rim of 9 m/s, with 40 mm 2,148.6 rpm.
+    top.press("Tab")  # 4.5 m/s at 30° tilt needs a rim speed of 9 m/s.
     watcher.until_wheels(lambda wheels: wheels.requested_rpm == 2149.0)
 
 
 def drive_until(page: Page, seen: Callable[[], None]) -> None:
-    """Hold a key until something is to be seen."""
+    """Hold a key until `seen` passes."""
     stick = page.get_by_role("application", name="Stick")
     for _ in budget.tries("hold a key", _PRESSES):
         get_ready(page)
-        stick.focus()  # Where a key is no number: it drives.
+        stick.focus()  # Focus the stick, where number keys do not set the wheel speed.
         page.keyboard.down("d")
         try:
             seen()
         except AssertionError:
-            continue  # A page that was too slow is let go: push again, as it says.
+            continue  # A slow page has released the stick and asks for another push.
         finally:
             page.keyboard.up("d")
         return
@@ -113,7 +113,7 @@ def test_an_operator_chooses_the_wheel_speed_and_is_told_which_module_sticks(
         drive_until(page, lambda: expect(notice).to_be_visible(timeout=3000))
         suspect = watcher.until(lambda s: s.consistency.suspect is not None).consistency.suspect
         assert suspect == "module2"
-        # It pushes as long as its wheel spins, so the robot shuts the wheels off by itself.
+        # The stuck gimbal pushes while its wheel spins, so the robot shuts off the wheels.
         fault = watcher.until(lambda status: status.mode == "fault")
         assert f"{STUCK} does not follow" in fault.stop_reason
         watcher.until_wheels(lambda wheels: wheels.spin_rpm < 100)

@@ -1,4 +1,4 @@
-"""From keys to wheels: the programs as they are used over a network, with certificates."""
+"""Dashboard and robot over a network, secured with certificates."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def keys(start: Start, tmp_path: Path) -> Path:
 
 
 def page_of(start: Start, config: Path) -> ClientConnection:
-    """Open the page of somebody's dashboard, without a browser."""
+    """Connect to a user's dashboard as its page does, without a browser."""
     dashboard = start("tsd_dashboard", "--port", "0", "--zenoh-config", str(config))
     port = re.findall(r"http://127.0.0.1:(\d+)", dashboard.ready())[0]
     return connect(f"ws://127.0.0.1:{port}/teleop?page={secrets.token_hex(8)}")
@@ -64,7 +64,8 @@ def test_the_dashboard_of_an_operator_drives_under_her_name(start: Start, keys: 
             mode = state["status"]["mode"]
             say(page, t="heartbeat", status_seq=state["status_seq"], sent_ms=0.0)
             if not state["has_control"] or mode in ("disarmed", "fault"):
-                # Again every now and then: who is held up loses control, and so does the robot.
+                # Repeat periodically, because a delayed client loses control and a delayed robot
+                # faults.
                 if number % _AGAIN == 0:
                     ask = {"t": "arm"} if mode == "disarmed" else {"t": "reset"}
                     say(page, **(ask if state["has_control"] else {"t": "lease", "op": "acquire"}))

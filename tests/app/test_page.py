@@ -1,10 +1,11 @@
-"""A newcomer drives the simulated robot from a real browser, through the real programs."""
+"""Drive the simulated robot from a real browser, through the real programs."""
 
 from __future__ import annotations
 
 import contextlib
 import json
 import math
+import os
 import re
 import time
 from collections.abc import Callable, Iterator
@@ -24,8 +25,8 @@ from tests.support.browser import (
     get_ready,
     give_back,
     mode,
-    press_now,
     take_control_and_arm,
+    until_linked,
 )
 from tests.support.page_watcher import (
     PRESS_S,
@@ -48,18 +49,18 @@ pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 
 STOP_WITHIN_M = 0.35
 UPRIGHT_RAD = 0.004
-"""Two steps of a servo."""
+"""Two servo steps."""
 STAYS_M = 0.01
-"""While wheels run down, the robot trembles."""
+"""Wheels that coast to rest shake the robot."""
 MOVING_MPS = 0.15
-"""A page without a GPU is a slow link, and on that less speed is granted than is asked for."""
+"""A page without a GPU counts as a slow link, so its speed limit is lower than requested."""
 ANY_PORTS = ("--port", "0", "--bus-port", "0")
 _ROBOT_PX = 80
 
 
 @dataclass
 class Demo:
-    """The demo with its page open, and somebody who watches the bus."""
+    """The demo with an open page and a bus subscriber."""
 
     page: Page
     watcher: Watcher
@@ -67,12 +68,12 @@ class Demo:
     console: list[ConsoleMessage] = field(default_factory=list[ConsoleMessage])
     failures: list[str] = field(default_factory=list[str])
     free: Rectangle = field(default_factory=Rectangle)
-    """Part of the picture in which the page has the robot framed."""
+    """Part of the view in which the page frames the robot."""
     seen_rad: float = 0.0
-    """Heading of the robot when the camera was placed behind it."""
+    """Heading of the robot when the camera was last placed behind it."""
 
     def listen(self) -> None:
-        """Note what the page says from now on, and what goes wrong."""
+        """Record console messages, errors and failed requests of the page."""
         self.page.on("console", lambda message: self.console.append(message))
         self.page.on("pageerror", lambda error: self.failures.append(str(error)))
         self.page.on("requestfailed", lambda request: self.failures.append(request.url))
@@ -87,10 +88,10 @@ class Demo:
         """Place the camera behind the robot."""
         self.seen_rad = float(self.watcher.truth[2])
         self.page.get_by_role("button", name="Bring the robot into view").click()
-        self.page.wait_for_timeout(2000)  # Until it is drawn, and the dashboard knows the camera.
+        self.page.wait_for_timeout(2000)  # Until the view is drawn and the camera sent.
 
     def pixel_of(self, place: tuple[float, float]) -> tuple[float, float]:
-        """Return where a place on the floor is seen, metres from the robot: a textbook's camera."""
+        """Project a floor point, in metres from the robot, to pixels (pinhole camera model)."""
         box = self.page.locator("iframe").bounding_box()
         assert box is not None
         shape, up = robot_shape(load_robot("tsd")), np.array([0.0, 0.0, 1.0])
@@ -126,7 +127,7 @@ def shared(start_shared: Callable[..., Program], browser: Browser) -> Iterator[D
 
 @pytest.fixture
 def demo(shared: Demo) -> Iterator[Demo]:
-    """The demo with its robot disarmed, under no operator's control, and at rest."""
+    """The demo with its robot disarmed, free and at rest."""
     yield shared
     give_back(shared.page)
     shared.watcher.until(lambda: shared.watcher.at_rest, "standstill")
@@ -156,7 +157,7 @@ def test_the_stick_drives_forward_and_let_go_the_robot_stands_still(demo: Demo) 
     driven_s, since_s = 0.0, math.nan
 
     def two_seconds_at_speed() -> bool:
-        # In all: a busy machine stops the robot in between, and the stick is pushed again.
+        # Distances add up over pushes, because a busy machine stops the robot in between.
         nonlocal driven_s, since_s
         if watcher.twist[0] < MOVING_MPS:
             since_s = math.nan
@@ -168,14 +169,11 @@ def test_the_stick_drives_forward_and_let_go_the_robot_stands_still(demo: Demo) 
 
     with WithheldTime(demo.program.process.pid) as withheld:
         watcher.holding(stick, two_seconds_at_speed, "two seconds of driving forward")
-        at_release = watcher.truth.copy()
-        stick.up()
-        watcher.until(lambda: watcher.at_rest, "standstill")
-    rolled_m = math.dist(at_release[:2], watcher.truth[:2])
-    assert rolled_m <= STOP_WITHIN_M
+        with stopping(watcher):
+            stick.up()
     ahead_m, aside_m = SE2(start).inverse().transform(watcher.truth[:2])
     assert ahead_m > 2.0 * MOVING_MPS
-    # A servo step is 16 mm/s at a wheel, so an open loop wanders a little.
+    # One servo step changes the wheel velocity by 16 mm/s, so open-loop motion drifts.
     assert abs(aside_m) < 0.1 * ahead_m
     assert not watcher.commands[-1].any(), "one zero, then silence"
 
@@ -205,10 +203,8 @@ def test_keys_drive_as_the_stick_does(demo: Demo) -> None:
         watcher.holding(
             held, lambda a=axis, s=sign: s * watcher.twist[a] > MOVING_MPS, f"{name} moves"
         )
-        at_release = watcher.truth.copy()
-        held.up()
-        watcher.until(lambda: watcher.at_rest, f"standstill after {name}")
-        assert math.dist(at_release[:2], watcher.truth[:2]) <= STOP_WITHIN_M
+        with stopping(watcher):
+            held.up()
         mode(page, "ready")
 
 
@@ -217,10 +213,8 @@ def test_stop_latches_and_only_reset_arm_and_a_new_command_move_again(demo: Demo
     take_control_and_arm(page)
     forward, back = key(page, "w"), key(page, "s")
     watcher.holding(forward, lambda: watcher.twist[0] > MOVING_MPS, "driving")
-    at_stop = watcher.truth.copy()
-    page.keyboard.press(" ")
-    watcher.until(lambda: watcher.at_rest, "standstill")
-    assert math.dist(at_stop[:2], watcher.truth[:2]) <= STOP_WITHIN_M
+    with stopping(watcher):
+        page.keyboard.press(" ")
     mode(page, "stopped")
     forward.up()
     reset(page)
@@ -232,24 +226,34 @@ def test_stop_latches_and_only_reset_arm_and_a_new_command_move_again(demo: Demo
     watcher.until(lambda: watcher.at_rest, "standstill")
 
 
+@contextlib.contextmanager
+def stopping(watcher: Watcher) -> Iterator[None]:
+    """Check that the robot stops within the promised distance of an input.
+
+    Page, dashboard and robot may all be late by the withheld time.
+    """
+    with WithheldTime(os.getpid()) as withheld:
+        at = watcher.truth[:2].copy()
+        yield
+        watcher.until(lambda: watcher.at_rest, "standstill")
+    late_m = load_robot("tsd").limits.speed_mps * withheld.total_s
+    assert math.dist(at, watcher.truth[:2]) <= STOP_WITHIN_M + late_m
+
+
 def reset(page: Page) -> None:
-    """Hold the reset with the mouse; first take control when the page has stalled and lost it."""
-    said = page.get_by_role("status", name="Mode")
-    for _ in budget.tries("hold the reset", PRESSES):
-        press_now(page, "Take control")
-        x, y, _ = centre(page, "button", "Hold to reset")
-        page.mouse.move(x, y)
-        page.mouse.down()
-        with contextlib.suppress(AssertionError):
-            expect(said).to_contain_text("disarmed", ignore_case=True, timeout=1000 * PRESS_S)
-            break
-        page.mouse.up()
+    """Hold the reset button with the mouse, once the robot would be reset."""
+    until_linked(page)
+    button = page.get_by_role("button", name="Hold to reset")
+    expect(button).not_to_have_attribute("aria-disabled", "true", timeout=PATIENCE_MS)
+    x, y, _ = centre(page, "button", "Hold to reset")
+    page.mouse.move(x, y)
+    page.mouse.down()
     mode(page, "disarmed")
     page.mouse.up()
 
 
 def go(page: Page, press: Press) -> Press:
-    """Hold the button of a path, once there is one that can be driven."""
+    """Hold the button of a path once a drivable path exists."""
 
     def down() -> None:
         path = page.get_by_role("status", name="Path")
@@ -260,9 +264,9 @@ def go(page: Page, press: Press) -> Press:
 
 
 def go_to_the_end(demo: Demo) -> None:
-    """Hold the button with the mouse until the page says that the robot is there.
+    """Hold the button with the mouse until the page reports arrival.
 
-    Let go of a moment before by a page that stalls, it has to be held again for the rest.
+    If a stalled page releases it early, hold it again.
     """
     held, path = go_button(demo.page), demo.page.get_by_role("status", name="Path")
     for _ in budget.tries("hold the button of a path", PRESSES):
@@ -290,7 +294,7 @@ def go_button(page: Page) -> Press:
 
 
 def test_a_path_is_driven_while_it_is_held_and_let_go_the_robot_stands(demo: Demo) -> None:
-    """In numbers, held by a key; by a click on the floor, held with the mouse; and drawn."""
+    """Enter the goal as numbers and hold by key; click on the floor; draw a path."""
     for drive in (drive_by_numbers, drive_to_a_click, drive_what_is_drawn):
         demo.watcher.until(lambda: demo.watcher.at_rest, "standstill")
         get_ready(demo.page)
@@ -306,14 +310,12 @@ def drive_by_numbers(demo: Demo) -> None:
     form.get_by_label("x in m").fill(f"{start[0] + 1.5:.3f}", timeout=PATIENCE_MS)
     form.get_by_label("heading").fill("30")
     form.get_by_label("heading").press("Enter")
-    page.get_by_role("application", name="Stick").focus()  # Letters are no keys in a field.
+    page.get_by_role("application", name="Stick").focus()  # Letter keys are text in a field.
     assert len(watcher.commands) == before, "planned is not driven"
     held = go(page, key(page, "g"))
     watcher.holding(held, lambda: watcher.truth[0] > start[0] + 0.05, "on its way")
-    at_release = watcher.truth.copy()
-    held.up()
-    watcher.until(lambda: watcher.at_rest, "standstill")
-    assert math.dist(at_release[:2], watcher.truth[:2]) <= STOP_WITHIN_M
+    with stopping(watcher):
+        held.up()
     assert not watcher.commands[-1].any(), "one zero, then silence"
     path = page.get_by_role("status", name="Path")
     expect(path).to_contain_text(re.compile(r"\d m, "), timeout=PATIENCE_MS)
@@ -321,7 +323,7 @@ def drive_by_numbers(demo: Demo) -> None:
 
 
 def choose(demo: Demo, name: str) -> None:
-    """Choose how to say where to go; a trial that failed may have left a path."""
+    """Choose how to enter a goal; a failed attempt may have left a path."""
     click_through(demo.page, "Delete the path")
     demo.look()
     demo.page.get_by_role("radio", name=name).click(timeout=PATIENCE_MS)
@@ -333,19 +335,18 @@ def drive_to_a_click(demo: Demo) -> None:
     choose(demo, "Go to")
     place = (0.4, -0.2)
     goal = watcher.truth[:2] + place
-    for _ in budget.tries("click on the floor", PRESSES):
-        page.mouse.click(*demo.pixel_of(place))
-        try:
-            expect(path).not_to_contain_text("Click on the floor", timeout=1000 * PRESS_S)
-            break
-        except AssertionError:
-            continue  # A click on a page that was busy may be lost.
-    go_to_the_end(demo)
-    assert math.dist(goal, watcher.truth[:2]) < 0.1
+    until_linked(page)
+    expect(path).to_contain_text("Click on the floor", timeout=PATIENCE_MS)
+    page.mouse.click(*demo.pixel_of(place))
+    expect(path).not_to_contain_text("Click on the floor", timeout=PATIENCE_MS)
+    with WithheldTime(demo.program.process.pid) as withheld:
+        go_to_the_end(demo)
+    # Joints move unmeasured while the machine withholds the processor from the loop.
+    assert math.dist(goal, watcher.truth[:2]) < 0.1 + 0.3 * withheld.total_s
 
 
 def drive_what_is_drawn(demo: Demo) -> None:
-    """Ahead and then to the left: the robot passes the corner, far from the straight way."""
+    """Draw a path ahead, then left; the robot passes the corner instead of cutting it."""
     page, watcher = demo.page, demo.watcher
     corner, end = (0.3, 0.0), (0.3, 0.3)
     line = [(0.05 * i, 0.0) for i in range(7)] + [(0.3, 0.05 * i) for i in range(1, 7)]
@@ -362,12 +363,14 @@ def drive_what_is_drawn(demo: Demo) -> None:
             expect(path).to_contain_text(re.compile(r"0\.5\d m, "), timeout=2000 * PRESS_S)
             break
         except AssertionError:
-            continue  # A stroke on a page that was busy may be lost: draw it again.
+            continue  # A busy page may lose a stroke; draw it again.
     mode(page, "ready")
     assert len(watcher.commands) == before, "drawn is not driven"
-    go_to_the_end(demo)
-    assert math.dist(start + end, watcher.truth[:2]) < 0.1
-    assert min(math.dist(start + corner, place) for place in watcher.way[seen:]) < 0.1
+    with WithheldTime(demo.program.process.pid) as withheld:
+        go_to_the_end(demo)
+    near_m = 0.1 + 0.3 * withheld.total_s
+    assert math.dist(start + end, watcher.truth[:2]) < near_m
+    assert min(math.dist(start + corner, place) for place in watcher.way[seen:]) < near_m
 
 
 def test_only_look_moves_gimbals_in_the_picture_and_nothing_else(demo: Demo) -> None:
@@ -389,7 +392,7 @@ def test_only_look_moves_gimbals_in_the_picture_and_nothing_else(demo: Demo) -> 
     for _ in range(PRESSES):
         if picture(demo) != still:
             break
-        page.wait_for_timeout(1000)  # It is drawn without a GPU.
+        page.wait_for_timeout(1000)  # The scene renders in software, without a GPU.
     else:
         pytest.fail("the picture is still")
     page.mouse.up()
@@ -401,7 +404,7 @@ def test_only_look_moves_gimbals_in_the_picture_and_nothing_else(demo: Demo) -> 
 
 
 def picture(demo: Demo) -> bytes:
-    """Return the picture of the robot, without what lies in the corners of the view."""
+    """Return a screenshot of the robot without the overlays in the corners."""
     x, y = demo.pixel_of((0.0, 0.0))
     side = 2.0 * _ROBOT_PX
     clip: FloatRect = {"x": x - _ROBOT_PX, "y": y - _ROBOT_PX, "width": side, "height": side}

@@ -1,4 +1,4 @@
-"""STOP keeps its place and lies on top, and nothing overlaps: in every window and every state."""
+"""STOP stays in place and on top, and no elements overlap, for all window sizes and states."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ pytestmark = [
 ]
 
 LAYERS = ".shade, .app > .panel, .items"
-"""What a person opens over the page, and closes."""
+"""Overlays that a user opens and closes."""
 POINTER_PX, FINGER_PX = 24, 44
 
 
 class Look:
-    """What is wrong on a page in each of its states."""
+    """Collects layout errors of the page by state."""
 
     def __init__(self, stage: PageStage, *, touch: bool) -> None:
         self.stage = stage
@@ -40,14 +40,14 @@ class Look:
         self._least_px = FINGER_PX if touch else POINTER_PX
 
     def at_stop(self, name: str) -> None:
-        """Look at STOP alone, while what a person opens may cover other things."""
+        """Check STOP alone; open overlays may cover other elements."""
         stop = self.stage.page.evaluate(STOP)
         self.places.setdefault(tuple(stop["box"]), []).append(name)
         found = [f"on STOP: {each}" for each in stop["covers"]]
         self._note(name, found + ([] if stop["isWhole"] else ["STOP leaves the window"]))
 
     def at_all(self, name: str) -> None:
-        """Look at STOP, and at everything else that can be read or used."""
+        """Check STOP and every other readable or clickable element."""
         self.at_stop(name)
         page = self.stage.page
         self._note(name, page.evaluate(OVERLAPS, LAYERS))
@@ -77,7 +77,7 @@ def test_stop_never_moves_and_nothing_overlaps_is_cut_or_small(
         stage.say(REFUSED)
         look.at_all("a notice")
         stage.show(STATES["ready"])
-        stage.choose("tsd")  # Which clears the notice.
+        stage.choose("tsd")  # Clears the notice.
         opened = [name for name in TABS if open_tab(stage, name)]
         for name in opened:
             open_tab(stage, name)
@@ -86,13 +86,13 @@ def test_stop_never_moves_and_nothing_overlaps_is_cut_or_small(
         fold_panel(stage)
         look.at_all("folded")
         show_what_is_opened(stage, look)
-    assert len(opened) >= len(TABS) - 1  # A phone that is held upright has no room for Student.
+    assert len(opened) >= len(TABS) - 1  # A phone in portrait has no room for Student.
     assert len(look.places) == 1, look.places
     assert look.wrong == {}
 
 
 def show_what_is_opened(stage: PageStage, look: Look) -> None:
-    """Look at STOP below the dialogs, the map, and the page of all robots."""
+    """Check STOP under the dialogs, the map and the page of all robots."""
     stage.page.keyboard.press("n")
     look.at_stop("map")
     stage.page.keyboard.press("n")

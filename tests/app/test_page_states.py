@@ -1,4 +1,4 @@
-"""What the page shows is true in each state; details are tested in `web/tests`."""
+"""The page shows true values in each state; `web/tests` covers the details."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A part of a recording as one page and as a moving picture, as a user exports and opens them."""
+"""Export part of a recording as a page and as an animated picture, and open them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(240)]
 Start = Callable[..., Program]
 SECONDS = 8
 STABLE = 4
-"""Number of equal pictures in a row, after which nothing more is drawn."""
+"""Number of equal screenshots in a row that count as fully drawn."""
 NOTE = "here it slipped </script><b>"
 
 
@@ -39,7 +39,7 @@ def time_of(page: Page) -> float:
 
 
 def show(page: Page, t_s: float) -> Image.Image:
-    """Set a time, and return what the page then shows of the scene."""
+    """Set a time and return a screenshot of the scene."""
     page.evaluate("(t) => tsdShow(t)", t_s)
     expect(page.locator("[role=slider][aria-valuemax]")).to_have_attribute(
         "aria-valuenow", f"{t_s:g}", timeout=PATIENCE_MS
@@ -48,14 +48,14 @@ def show(page: Page, t_s: float) -> Image.Image:
     shots = [b""]
     while (
         len(shots) < STABLE or len(set(shots[-STABLE:])) > 1
-    ):  # A canvas says not when it is drawn.
+    ):  # A canvas does not report when it is drawn.
         page.wait_for_timeout(1000)
         shots.append(page.screenshot(clip=clip, timeout=PATIENCE_MS))
     return Image.open(io.BytesIO(shots[-1])).convert("L")
 
 
 def difference(one: Image.Image, other: Image.Image) -> float:
-    """Return the share of pixels that differ visibly."""
+    """Return the fraction of pixels that differ visibly."""
     seen = ImageChops.difference(one, other).point(lambda value: 255 if value > 12 else 0)
     return seen.histogram()[255] / (one.width * one.height)
 
@@ -73,7 +73,7 @@ def test_a_page_plays_from_disk_in_a_browser_without_a_network(
     page = context.new_page()
     page.on("request", lambda request: asked.append(request.url))
     page.on("pageerror", lambda error: errors.append(str(error)))
-    page.goto(f"{file.as_uri()}?fixedDpr=0.5")  # Or viser changes it as it sees fit.
+    page.goto(f"{file.as_uri()}?fixedDpr=0.5")  # Otherwise viser may change it.
     label = page.locator(".tsd-label")
     expect(label).to_contain_text("RECORDING", timeout=PATIENCE_MS)
     expect(label).to_contain_text("tsd DRIVING", timeout=PATIENCE_MS)
@@ -84,7 +84,7 @@ def test_a_page_plays_from_disk_in_a_browser_without_a_network(
     start_, later = show(page, 0.5), show(page, 6)
     assert difference(start_, later) > 0.003
     assert difference(start_, show(page, 0.5)) < 0.003
-    # The time stands still, and the next event is the mark.
+    # Playback is paused, and the next event is the mark.
     page.get_by_role("button", name="event ▶").click()
     expect(page.locator(".tsd-note")).to_contain_text(NOTE, timeout=PATIENCE_MS)
     assert time_of(page) == pytest.approx(5.0, abs=0.02)

@@ -1,4 +1,4 @@
-"""Certificates end, rights change: robots, router and operators continue without a restart."""
+"""Certificates expire and rights change while robots, router and operators keep running."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from tsd_twin.errors import BusError, NoAnswerError
 from tsd_twin.messages.topics import Service
 from tsd_twin.security import Role
 from tsd_twin.security.access_rules import ROUTER, BusIdentity
-from tsd_twin.security.certificates import KeyFolder, read_certificate
+from tsd_twin.security.certificates import read_certificate
+from tsd_twin.security.key_folder import KeyFolder
 from tsd_twin.security.router_keys import robot_identity
 
 pytestmark = pytest.mark.system
@@ -34,7 +35,7 @@ def free_port() -> int:
 
 @pytest.fixture
 def fleet(start: Start, tmp_path: Path) -> KeyFolder:
-    """Folder of a router with one robot and Alice, whose certificates are renewed."""
+    """Router folder with one robot and Alice, whose certificates are renewed."""
     flags = ["--router-host", "127.0.0.1", "--listen", f"tls/127.0.0.1:{free_port()}"]
     flags += ["--robot", "lab1", "--operator", "alice", "--robots", "lab1"]
     made = start("tsd_certs", str(tmp_path / "fleet"), *flags, "--renewal-port", str(free_port()))
@@ -43,7 +44,7 @@ def fleet(start: Start, tmp_path: Path) -> KeyFolder:
 
 
 def shorten(folder: KeyFolder) -> None:
-    """Replace the certificates of robot and router by some that end in seconds."""
+    """Replace the certificates of robot and router by some that expire in seconds."""
     now = datetime.now(UTC)
     authority, start = folder.authority(now), now - timedelta(days=30) + timedelta(seconds=LEFT_S)
     robot = authority.issue_client(folder.key("lab1"), robot_identity("lab1"), start, 30)
@@ -100,7 +101,7 @@ def test_changed_rights_take_effect_without_a_restart_and_unchanged_ones_change_
     shutil.copytree(fleet.path, tmp_path / "hers")
     with Bus(from_file(str(tmp_path / "hers/alice.json5"))) as alice:
         wait_until(lambda: answers(alice))
-        assert start("tsd_certs", str(fleet.path)).wait() == 0  # Changes nothing.
+        assert start("tsd_certs", str(fleet.path)).wait() == 0  # Has no effect.
         fleet.certificate_file("alice").unlink()
         assert start("tsd_certs", str(fleet.path)).wait() == 0
         wait_until(lambda: any("reopened" in line for line in router.output))

@@ -1,4 +1,4 @@
-"""Every robot that comes with the program, driven in a real browser."""
+"""Drive every built-in robot in a real browser."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from tests.support.browser import (
     click_through,
     get_ready,
     mode,
+    press_linked,
     take_control_and_arm,
 )
 from tests.support.withheld import budget
@@ -54,7 +55,7 @@ def demo(*names: str) -> Generator[str]:
 
 @contextlib.contextmanager
 def opened(browser: Browser, address: str, *, drawn: bool) -> Generator[Page]:
-    """Open the page, in a browser that draws the scene, or in one that cannot."""
+    """Open the page in a browser with or without the scene."""
     errors: list[str] = []
     page = browser.new_page(viewport={"width": 960, "height": 640})
     page.on("pageerror", lambda error: errors.append(str(error)))
@@ -65,7 +66,7 @@ def opened(browser: Browser, address: str, *, drawn: bool) -> Generator[Page]:
 
 
 def choose(page: Page, name: str) -> None:
-    """Turn the page to a robot by the menu in the bar."""
+    """Select a robot in the menu bar."""
     if name not in page.get_by_role("button", name="Choose another").inner_text():
         page.get_by_role("button", name="Choose another").click(timeout=PATIENCE_MS)
         page.get_by_role("menuitemradio", name=re.compile(f"^{name}")).click(timeout=PATIENCE_MS)
@@ -77,28 +78,22 @@ def choose(page: Page, name: str) -> None:
 @pytest.mark.parametrize("browser", [FLAGS_WITHOUT_SCENE], indirect=True, ids=["no scene"])
 @pytest.mark.parametrize("name", ROBOTS)
 def test_every_robot_is_driven(browser: Browser, name: str) -> None:
-    """Armed and pushed with the stick, it moves, and rests when the stick is let go."""
+    """Armed and pushed with the stick, the robot moves; it stops on release."""
     with demo(name) as address, opened(browser, address, drawn=False) as page:
         drive(page, name)
 
 
 def drive(page: Page, name: str) -> None:
-    """Push the stick, and let it go."""
+    """Push the stick, then release it."""
     mode(page, "disarmed")
     spins = isinstance(robots.load_robot(name), robots.SingularityDescription)
     what = "Arming spins the wheels up" if spins else "Arming switches the motors on"
-    for _ in budget.tries("take control", _PRESSES):
-        click_through(page, "Take control")
-        with contextlib.suppress(AssertionError):
-            expect(page.get_by_text(what)).to_be_visible(timeout=PATIENCE_MS / _PRESSES)
-            break
-    else:
-        pytest.fail(f"'{what}' is not shown")
+    press_linked(page, "Take control", page.get_by_text(what))
     get_ready(page)
     speed = page.locator(".hero .n")
     x, y, half = centre(page, "application", "Stick")
     for _ in budget.tries("push the stick", _PRESSES):
-        # A robot that has got no time is in a fault, as it must be.
+        # A starved robot correctly enters a fault.
         click_through(page, "Take control", "Hold to reset", "Arm")
         page.mouse.move(x, y)
         page.mouse.down()
@@ -107,7 +102,7 @@ def drive(page: Page, name: str) -> None:
             expect(speed).to_contain_text(MOVING, timeout=3000)
             break
         except AssertionError:
-            # A page that was too slow to say that it is held is let go: push again, as it says.
+            # A slow page counts the stick as released and asks for another push.
             page.mouse.up()
     else:
         pytest.fail(f"{name} was not moved")
@@ -117,11 +112,11 @@ def drive(page: Page, name: str) -> None:
 
 
 def test_the_panel_of_each_robot_has_what_it_has(browser: Browser) -> None:
-    """In one scene: no gimbals where there are none, and sliders by the names of its twist."""
+    """Panels show only joints that a robot has, and sliders named after its twist."""
     shown = {"omni4": ("Wheel 4", "Forward"), "atlas": ("Sphere", "Roll forward")}
     with demo(*shown) as address, opened(browser, address, drawn=True) as page:
         menu = page.get_by_role("button", name="Robot: omni4. Choose another")
-        expect(menu).to_be_visible(timeout=PATIENCE_MS)  # Named first.
+        expect(menu).to_be_visible(timeout=PATIENCE_MS)  # The first robot by name.
         for name, (heading, slider) in shown.items():
             choose(page, name)
             panel = page.get_by_role("tabpanel")
@@ -136,7 +131,7 @@ def test_the_panel_of_each_robot_has_what_it_has(browser: Browser) -> None:
 
 
 def bring_up_by_key(page: Page) -> None:
-    """What a click on the sphere does, for who has no mouse: its front mark comes up."""
+    """Bring the sphere's front mark up by keyboard instead of a click."""
     front = page.get_by_role("group", name="Bring a mark to the top").get_by_role(
         "button", name="Front"
     )
@@ -149,6 +144,6 @@ def bring_up_by_key(page: Page) -> None:
         with contextlib.suppress(AssertionError):
             expect(mark).to_have_attribute("cy", re.compile(r"^-?[01](\.|$)"), timeout=8000)
             break
-        get_ready(page)  # A page that was too slow is let go: press again, as it says.
+        get_ready(page)  # A slow page counts the key as released and asks for another press.
     expect(mark).to_have_attribute("cy", re.compile(r"^-?[01](\.|$)"))
     mode(page, "ready")

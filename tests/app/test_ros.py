@@ -1,4 +1,4 @@
-"""`tsd-ros` as a user meets it, with ROS nodes that are not ours (`zenoh-ros2-sdk`)."""
+"""`tsd-ros` as a user runs it, with third-party ROS nodes (`zenoh-ros2-sdk`)."""
 
 from __future__ import annotations
 
@@ -51,17 +51,17 @@ SPEED_MPS = 0.8
 FOREIGN_TOKENS = 300
 PUSH_S = 5.0
 FLOOD = 5000
-"""Calls of a service, without a wait for the answers."""
+"""Pipelined service calls, sent without waiting for replies."""
 POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 
 
 @dataclass(frozen=True)
 class Stage:
-    """A robot and the adapter, as processes of their own, and a node of ROS in this one."""
+    """Robot and adapter in separate processes, and a ROS node in this one."""
 
     endpoint: str
     relay: Relay
-    """Between robot and adapter."""
+    """Relay between robot and adapter."""
     port: int
     robot: Program
     adapter: Program
@@ -69,7 +69,7 @@ class Stage:
     cmd_vel: Any
 
     def withheld(self) -> WithheldTime:
-        """Measure what the machine withholds from robot, adapter and this process."""
+        """Measure the CPU time withheld from the robot, the adapter and this process."""
         return WithheldTime(self.robot.process.pid, self.adapter.process.pid, os.getpid())
 
     def push(self, vx_mps: float, duration_s: float, period_s: float = 0.05) -> None:
@@ -80,7 +80,7 @@ class Stage:
 
     @contextlib.contextmanager
     def pushing(self, vx_mps: float) -> Generator[list[float]]:
-        """Push until the end, on a thread; the times at which it does so are noted."""
+        """Push on a thread until the context ends, and record the times."""
         ending, pushed_s = threading.Event(), list[float]()
 
         def push() -> None:
@@ -98,7 +98,7 @@ class Stage:
 
     @contextlib.contextmanager
     def driving(self, vx_mps: float, drives: Callable[[], object]) -> Generator[None]:
-        """Push until the robot drives, and on until the end."""
+        """Push until the robot drives, then until the context ends."""
         with self.pushing(vx_mps):
             end_s = time.monotonic() + PUSH_S
             while not drives():
@@ -107,7 +107,7 @@ class Stage:
             yield
 
     def arm(self) -> None:
-        """Arm by the service, once the adapter has the robot."""
+        """Arm by service call once the adapter has found the robot."""
         self.node.until(
             lambda: self.node.call("/arm")[0] or self.node.status["mode"] == "ready",
             "it is not armed",
@@ -161,7 +161,7 @@ def stage(tmp_path_factory: pytest.TempPathFactory) -> Generator[Stage]:
 
 @pytest.fixture(autouse=True)
 def at_rest(request: pytest.FixtureRequest) -> Generator[None]:
-    """Each test leaves the robot free, and begins with it disarmed."""
+    """Start each test with the robot free and disarmed."""
     yield
     if "stage" in request.fixturenames:
         stage: Stage = request.getfixturevalue("stage")
@@ -201,7 +201,7 @@ def test_nodes_see_all_topics_among_many_and_late_joiners_get_urdf_and_meshes(
     assert node.newest["/odom"].header.frame_id == "odom"
     assert node.newest["/odom"].child_frame_id == "base_footprint"
     assert len(node.newest["/joint_states"].name) == 9
-    # Published once, long before these subscribe.
+    # Published once, long before these nodes subscribe.
     node.subscribe("/robot_description", "std_msgs/msg/String", latched=True)
     node.subscribe("/tf_static", "tf2_msgs/msg/TFMessage", latched=True)
     node.until_all("/robot_description", "/tf_static")
@@ -235,14 +235,14 @@ def test_a_node_arms_drives_and_silence_stops_the_robot(stage: Stage, type_name:
     node.until(lambda: str(node.status["lease"]["holder"]).startswith("ros-"), "not held")
     before, start_m = node.status["stops"], node.x_m
     stage.pause()
-    end_s = time.monotonic() + 1.2
-    while time.monotonic() < end_s:
-        if type_name == TWIST:
-            publisher.publish(linear=vector(SPEED_MPS), angular=vector())
-        else:
-            publisher.publish(header=header("base_link"), twist=twist(SPEED_MPS))
-        time.sleep(0.05)
-    with stage.withheld() as withheld:
+    with stage.withheld() as withheld:  # The latest pose may have come late, too.
+        end_s = time.monotonic() + 1.2
+        while time.monotonic() < end_s:
+            if type_name == TWIST:
+                publisher.publish(linear=vector(SPEED_MPS), angular=vector())
+            else:
+                publisher.publish(header=header("base_link"), twist=twist(SPEED_MPS))
+            time.sleep(0.05)
         last_m = node.x_m
         stage.until_still()
     travel_m = node.x_m - last_m
@@ -269,12 +269,12 @@ while True:
         assert publisher.stdout is not None
         try:
             assert publisher.stdout.readline() == b"ready\n"
+            withheld = stage.withheld()  # The latest pose may have come late, too.
             node.until(lambda: node.speed_mps > 0.5, "it does not drive")
         finally:
             publisher.kill()
-        with stage.withheld() as withheld:
-            last_m = node.x_m
-            stage.until_still()
+        last_m = node.x_m
+        stage.until_still()
     assert node.x_m - last_m < ALLOWANCE_M + (0.04 + withheld.total_s) * SPEED_MPS
 
 
@@ -284,16 +284,19 @@ def test_a_node_that_drives_a_square_by_odometry_is_back_at_its_start(stage: Sta
     stage.pause()
     drive, start = SquareDrive(0.4, 0.5), node.newest["/odom/truth"].pose.pose.position
     end_s = time.monotonic() + PATIENCE_S
-    while (twist_now := drive.twist(*node.odom)) is not None:
-        assert time.monotonic() < end_s, f"the square does not end: {node.odom}"
-        assert node.status["mode"] != "fault", node.status["stop_reason"]
-        vx, vy, omega = twist_now
-        stage.cmd_vel.publish(linear=vector(vx, vy), angular=vector(z=omega))
-        time.sleep(0.05)
-    stage.cmd_vel.publish(linear=vector(), angular=vector())
-    stage.until_still()
+    with stage.withheld() as withheld:
+        while (twist_now := drive.twist(*node.odom)) is not None:
+            assert time.monotonic() < end_s, f"the square does not end: {node.odom}"
+            assert node.status["mode"] != "fault", node.status["stop_reason"]
+            vx, vy, omega = twist_now
+            stage.cmd_vel.publish(linear=vector(vx, vy), angular=vector(z=omega))
+            time.sleep(0.05)
+        stage.cmd_vel.publish(linear=vector(), angular=vector())
+        stage.until_still()
     end = node.newest["/odom/truth"].pose.pose.position
-    assert math.hypot(end.x - start.x, end.y - start.y) < 0.01 * drive.path_m
+    # Joints move unmeasured while the machine withholds the processor from the loop.
+    allowed_m = 0.01 * drive.path_m + 0.5 * withheld.total_s
+    assert math.hypot(end.x - start.x, end.y - start.y) < allowed_m
 
 
 def test_a_person_who_takes_over_has_control_and_twists_do_not_take_it_back(stage: Stage) -> None:
@@ -322,8 +325,8 @@ def test_a_person_who_takes_over_has_control_and_twists_do_not_take_it_back(stag
     assert node.status["lease"]["holder"] is None, "nor does a new push"
     stage.arm()
     stage.pause()
-    stage.push(0.3, 1.5)
-    assert node.x_m - at_m > 0.02, "the service arm takes control again"
+    with stage.driving(0.3, lambda: node.x_m - at_m > 0.02):
+        pass  # The service arm takes control again.
 
 
 def test_services_stop_reset_disarm_and_their_refusals(stage: Stage) -> None:
@@ -414,7 +417,7 @@ def resident_mb(pid: int) -> float:
 
 
 def test_after_a_stop_by_itself_the_next_push_counts(stage: Stage) -> None:
-    """How a motion ended that is held no more is no reason against the next one."""
+    """How an earlier, released motion ended does not block the next."""
     stage.arm()
     stage.pause()
     node = stage.node
@@ -436,7 +439,7 @@ def test_after_a_stop_by_itself_the_next_push_counts(stage: Stage) -> None:
 def test_a_robot_that_comes_back_into_reach_is_not_moved_by_a_stick_that_is_held_on(
     stage: Stage,
 ) -> None:
-    """The adapter loses its connections to the robot, which others may keep ready meanwhile."""
+    """The adapter loses its connection to the robot, which another client may keep ready."""
     node = stage.node
     stage.arm()
     stage.pause()
@@ -456,8 +459,8 @@ def test_a_robot_that_comes_back_into_reach_is_not_moved_by_a_stick_that_is_held
         assert abs(robot.state.truth.pose.x_m - at_m) < 0.01
     stage.arm()
     stage.pause()
-    stage.push(0.3, 1.5)
-    node.until(lambda: node.x_m - at_m > 0.02, "the service arm takes control again")
+    with stage.driving(0.3, lambda: node.x_m - at_m > 0.02):
+        pass  # The service arm takes control again.
 
 
 def test_a_second_publisher_moves_nothing_while_the_first_one_drives(stage: Stage) -> None:
@@ -469,7 +472,7 @@ def test_a_second_publisher_moves_nothing_while_the_first_one_drives(stage: Stag
         for _ in range(20):
             other.publish(linear=vector(-0.8), angular=vector())
             time.sleep(0.05)
-            # It may slow down when twists come late, but never reverses.
+            # The robot may slow down when twists arrive late, but never reverses.
             assert node.newest["/odom/truth"].twist.twist.linear.x > -0.02
     assert any("second publisher" in each for each in node.said)
 
@@ -506,7 +509,7 @@ def test_hostile_messages_move_nothing_and_end_nothing(stage: Stage) -> None:
         for each in poses:
             each.put(payload, attachment=attach())
     for _ in range(20):
-        line.put(good, attachment=once)  # The same one again: it counts once at most, unheld.
+        line.put(good, attachment=once)  # A repeat is accepted at most once.
     line.delete()
     for source_ns in (0, -(2**63), 2**63 - 1):
         line.put(good, attachment=attach(source_ns))
@@ -603,7 +606,7 @@ def test_two_robots_have_namespaces_in_a_domain_of_their_own(
 def test_two_robots_of_one_name_are_neither_armed_nor_driven(
     start: Callable[..., Program], stage: Stage
 ) -> None:
-    """Two buses, so two adapters, which give both robots the default names."""
+    """Two buses, so two adapters, which both use the default robot names."""
     ros = ("--ros-connect", f"tcp/127.0.0.1:{stage.port}", "--domain", "9")
     endpoints = [
         start("tsd_mock", "--listen", "tcp/127.0.0.1:0", "--robot", "kiwi").ready().split()[-1]
@@ -625,7 +628,7 @@ def test_two_robots_of_one_name_are_neither_armed_nor_driven(
         node.until(are_refused, "one of them is armed")
         for endpoint in endpoints:
             with tsd_twin.connect(endpoint) as robot:
-                # One that was armed before the two had found each other does not stay so.
+                # A robot armed before discovery of its duplicate is disarmed.
                 node.until(
                     lambda r=robot: (
                         r.state.mode == "disarmed" and r.state.status.lease.holder is None

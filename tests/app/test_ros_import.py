@@ -1,4 +1,4 @@
-"""`tsd-ros --import` as a user meets it: a robot of `zenoh-ros2-sdk`, which is not ours."""
+"""`tsd-ros --import` as a user runs it, with a third-party robot of `zenoh-ros2-sdk`."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from playwright.sync_api import Browser, expect
 
 import tsd_twin
 from tests.app.conftest import Program
-from tests.support.browser import PATIENCE_MS, press_now
+from tests.support.browser import PATIENCE_MS, press_linked
 from tests.support.ros_nodes import foreign_hash, ros_router
 from tests.support.ros_robot import JOINTS, ODOMETRY, START, ForeignRobot
-from tests.support.withheld import WithheldTime, budget
+from tests.support.withheld import WithheldTime
 from tsd_twin.adapters.ros.external_robot import ZEROS
 from tsd_twin.client import RobotClient
 from tsd_twin.errors import TwinError
@@ -34,13 +34,12 @@ from tsd_twin.robots.external import NOT_PROMISED
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 
 ODOM_TIMEOUT_S = 2.0
-"""The robot of others is a thread of this process, which a busy machine holds up."""
-_PRESSES = 6
+"""The external robot is a thread of this process, which a busy machine delays."""
 
 
 @dataclass(frozen=True)
 class Stage:
-    """A robot of others in this process, and `tsd-ros --import` in one of its own."""
+    """External robot in this process, and `tsd-ros --import` in a separate one."""
 
     cart: ForeignRobot
     port: int
@@ -49,7 +48,7 @@ class Stage:
 
 
 def importing(port: int, *flags: str) -> tuple[Program, str]:
-    """Start `tsd-ros --import`; return it and where its bus listens."""
+    """Start `tsd-ros --import`; return it and its bus endpoint."""
     program = Program(
         [
             "tsd_ros", "--import", "cart", "--ros-connect", f"tcp/127.0.0.1:{port}",
@@ -88,7 +87,7 @@ def robot(stage: Stage) -> Generator[RobotClient]:
 
 @contextlib.contextmanager
 def pushing(base: Any, vx: float, vy: float = 0.0) -> Generator[None]:
-    """Command a velocity until the end, on a thread, also to a robot that refuses."""
+    """Command a velocity on a thread until the context ends, even if the robot refuses."""
     ending = threading.Event()
 
     def push() -> None:
@@ -107,14 +106,14 @@ def pushing(base: Any, vx: float, vy: float = 0.0) -> Generator[None]:
 
 @contextlib.contextmanager
 def driven(stage: Stage, base: Any, vx: float = 0.3) -> Generator[None]:
-    """Drive the robot of others until the end."""
+    """Drive the external robot until the context ends."""
     with pushing(base, vx):
         stage.cart.until(lambda: stage.cart.twist[0] > 0.9 * vx, "it does not drive")
         yield
 
 
 def until_quiet(stage: Stage) -> None:
-    """Wait until `cmd_vel` has ended with zeros, and is silent."""
+    """Wait until `cmd_vel` has sent its final zeros and is silent."""
     heard = stage.cart.heard
     stage.cart.until(
         lambda: (
@@ -144,22 +143,24 @@ def test_it_is_driven_under_our_limits_and_cmd_vel_ends_with_zeros_and_silence(
     cart = stage.cart
     with robot.control("alice") as base:
         began = len(cart.heard)
-        with pushing(base, 5.0, 2.0):
-            cart.until(lambda: cart.twist[0] > 0.2, "it does not drive")
-            cart.until(lambda: robot.state.odom.pose.x_m > START[0] + 0.05, "no odometry")
-        base.rest()
-        until_quiet(stage)
+        with WithheldTime(os.getpid()) as withheld:
+            with pushing(base, 5.0, 2.0):
+                cart.until(lambda: cart.twist[0] > 0.2, "it does not drive")
+                cart.until(lambda: robot.state.odom.pose.x_m > START[0] + 0.05, "no odometry")
+            base.rest()
+            until_quiet(stage)
         heard = cart.heard[began:]
         assert max(math.hypot(vx, vy) for _, vx, vy, _ in heard) <= 0.5 + 1e-9
         assert all(vy == 0.0 for _, _, vy, _ in heard), "it cannot drive sideways"
         steps = np.diff([vx for _, vx, _, _ in heard])
-        # After a period that came late it brakes by more in one step, but never speeds up by more.
+        # After a delayed period it may brake harder in one step, but never accelerates harder.
         assert steps.max() < 0.5 * 0.08, "faster than its acceleration"
         zeros = [vx for _, vx, _, _ in heard[-ZEROS:]]
         assert zeros == [0.0] * len(zeros)
-        # The mean, because a busy machine delivers several at once.
-        period_s = (heard[-1][0] - heard[0][0]) / (len(heard) - 1)
-        assert period_s == pytest.approx(0.02, abs=0.006)
+        # Use the mean, because a busy machine delivers several at once.
+        periods = len(heard) - 1
+        period_s = (heard[-1][0] - heard[0][0]) / periods
+        assert 0.014 <= period_s <= 0.026 + withheld.total_s / periods
         assert robot.state.odom.pose == pytest.approx(cart.pose, abs=0.03)
         assert robot.state.mode == "ready"
         with pytest.raises(TwinError, match="cannot drive sideways"):
@@ -199,7 +200,7 @@ with tsd_twin.connect({stage.endpoint!r}) as robot, robot.control("bob") as base
         with WithheldTime(os.getpid()) as withheld:
             cart.until(lambda: cart.heard[-1][1:] == (0.0, 0.0, 0.0), "it goes on")
             stood_s = time.monotonic() - killed_s
-    # Until the last command is too old, and to brake.
+    # Until the last command expires, plus braking.
     assert stood_s < 0.25 + 0.3 / 0.5 + 0.1 + withheld.total_s
 
 
@@ -239,7 +240,7 @@ def test_a_process_that_was_held_sends_nothing_old(stage: Stage, robot: RobotCli
         cart.until(lambda: len(cart.heard) > began, "no zeros")
         until_quiet(stage)
         assert {each[1:] for each in cart.heard[began:]} == {(0.0, 0.0, 0.0)}
-    # What it had queued meanwhile, it has dropped.
+    # Commands queued during the pause are dropped.
     assert robot.state.mode != "driving"
 
 
@@ -319,7 +320,7 @@ def test_when_the_program_is_killed_cmd_vel_ends_and_its_own_timeout_stops_it(
 
 
 def test_a_robot_by_ros_is_not_shown_to_ros_again(stage: Stage) -> None:
-    """Or its own `cmd_vel` would drive it."""
+    """Otherwise its own `cmd_vel` would drive it."""
     program = Program(
         [
             "tsd_ros", "--connect", stage.endpoint, "--domain", "0",
@@ -328,7 +329,7 @@ def test_a_robot_by_ros_is_not_shown_to_ros_again(stage: Stage) -> None:
     )  # fmt: skip
     try:
         program.ready()
-        time.sleep(1.5)  # Longer than it takes to show a robot.
+        time.sleep(1.5)  # Longer than robot discovery takes.
         tokens = stage.cart.node.tokens()
         assert sum("/tsd_import" in token for token in tokens) > 3
         assert not [token for token in tokens if "/tsd_ros" in token]
@@ -368,13 +369,7 @@ def test_the_page_says_what_is_not_promised(browser: Browser, stage: Stage) -> N
         assert sentences[: len(NOT_PROMISED)] == list(NOT_PROMISED)
         assert any("meshes" in text for text in sentences)
         what = page.get_by_text("which does not promise where it stops")
-        # A page that stalls as it loads loses control.
-        for _ in budget.tries("take control", _PRESSES):
-            press_now(page, "Take control")
-            with contextlib.suppress(AssertionError):
-                expect(what).to_be_visible(timeout=PATIENCE_MS / _PRESSES)
-                break
-        expect(what).to_be_visible()
+        press_linked(page, "Take control", what)
         page.get_by_role("tab", name="Health").click(timeout=PATIENCE_MS)
         panel = page.get_by_role("tabpanel")
         panel.locator("summary", has_text="Control").last.click(timeout=PATIENCE_MS)

@@ -50,14 +50,14 @@ def test_a_knob_a_number_the_link_and_the_file(
     page = context.new_page()
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))
-    # The address has the setting: its tab opens by itself, in the sheet of a phone, too.
+    # The URL contains the setting, so its tab opens automatically, also in the phone sheet.
     page.goto(f"{address}?student=tsd&drive.wheel_radius_m=0.05")
     student = page.locator("#tab-body")
     number = student.get_by_role("spinbutton", name="Wheel radius, m")
     expect(number).to_have_value("0.05", timeout=PATIENCE_MS)
     top = top_speed(page)
     expect(top).to_have_text("6.54m/s", timeout=PATIENCE_MS)
-    # One knob by its number, one by a key.
+    # One parameter by its number, one by a key.
     number.fill("0.06")
     expect(top).to_have_text("7.85m/s", timeout=PATIENCE_MS)
     slider = student.get_by_role("slider", name="Tilt limit")
@@ -65,7 +65,7 @@ def test_a_knob_a_number_the_link_and_the_file(
     slider.press("ArrowLeft")
     expect(student.get_by_role("spinbutton", name="Tilt limit, °")).to_have_value("29")
     expect(top).to_have_text("7.62m/s", timeout=PATIENCE_MS)
-    # What is impossible is told, and goes with its cause.
+    # An impossible setting shows an alert, which clears when the cause is fixed.
     speed = student.get_by_role("spinbutton", name="Drive speed, rpm")
     speed.fill("900")
     expect(student.get_by_role("alert")).to_contain_text("motor 1 turns from 2000 to 13603")
@@ -83,13 +83,13 @@ def test_a_knob_a_number_the_link_and_the_file(
     robot = load_robot(str(path))
     assert isinstance(robot, SingularityDescription)
     assert (robot.drive.wheel_radius_m, robot.drive.max_tilt_deg) == (0.06, 29.0)
-    # The link shows the same numbers elsewhere.
+    # Opening the link shows the same numbers.
     other = context.new_page()
     other.goto(link)
     expect(top_speed(other)).to_have_text("7.62m/s", timeout=PATIENCE_MS)
     context.close()
     assert errors == []
-    # Its robot runs.
+    # The configured robot runs.
     start("tsd_mock", "--robot", str(path), "--listen", "tcp/127.0.0.1:0").ready()
 
 
@@ -115,7 +115,7 @@ def test_every_kind_of_robot_has_its_knobs(browser: Browser, address: str) -> No
     for plot in plots.all():
         expect(plot).to_be_visible()
     expect(student.get_by_role("img", name="The robot from above, front up")).to_be_visible()
-    # Names for all controls, and room for fingers.
+    # All controls have names and are large enough for fingers.
     for role in ("slider", "spinbutton", "button", "combobox", "textbox"):
         for control in student.get_by_role(role).all():
             box = control.bounding_box()

@@ -1,4 +1,4 @@
-"""The timeline in a browser: the last half minute, and a recording that drives nothing."""
+"""The timeline in a browser: live history, and a recording that drives no robot."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from playwright.sync_api import Browser, Page, expect
 
 import tsd_twin
 from tests.app.conftest import Program
-from tests.support.browser import FLAGS_WITHOUT_SCENE, PATIENCE_MS, mode, press_until
+from tests.support.browser import FLAGS_WITHOUT_SCENE, PATIENCE_MS, mode, press_linked
 from tests.support.recorded_drives import START_NS, recorded_circle
 from tsd_twin.recording.events import Annotation, add_mark, read_marks
 
@@ -26,7 +26,7 @@ SECONDS = 12
 
 
 class Driver:
-    """Program that drives the live robot until that is stopped."""
+    """Drives the live robot until stopped."""
 
     def __init__(self, endpoint: str) -> None:
         self.robot = tsd_twin.connect(endpoint)
@@ -45,7 +45,7 @@ class Driver:
 
     def _drive(self) -> None:
         while not self.ended.is_set():
-            # A machine that is busy may stop it.
+            # A busy machine may stop the robot.
             with (
                 suppress(tsd_twin.ClientError),
                 self.robot.control("alice", arm=False) as base,
@@ -100,9 +100,9 @@ def test_a_recording_is_looked_at_while_the_live_robot_drives_and_is_stopped(
     page.keyboard.press("l")
     expect(word).to_have_text("Live")
 
-    # The list has a picture of where it went, and what it has.
+    # The list shows the path and the contents of each recording.
     recordings = page.get_by_role("dialog", name="Recordings")
-    press_until(page, "Recordings", recordings)
+    press_linked(page, "Recordings", recordings)
     line = recordings.get_by_role("listitem").filter(has_text="1 mark")
     expect(line.locator("polyline")).to_have_count(1, timeout=PATIENCE_MS)
     line.get_by_role("button").first.click()
@@ -119,19 +119,19 @@ def test_a_recording_is_looked_at_while_the_live_robot_drives_and_is_stopped(
     try:
         until(lambda: driver.robot.state.mode == "driving", page, "the live robot does not drive")
 
-        # Scrub, step, play, next mark, a mark of one's own.
+        # Scrub, step, play, next mark, new mark.
         until(lambda: float(rail.get_attribute("aria-valuemax") or 0) > SECONDS, page, "no time")
         box = rail.bounding_box()
         assert box is not None
         length_s = float(rail.get_attribute("aria-valuemax") or 0)
-        y = box["y"] + 0.4 * box["height"]  # Between lanes, where no event is to be clicked on.
+        y = box["y"] + 0.4 * box["height"]  # Between lanes, where a click hits no event.
         page.mouse.move(box["x"] + 0.2 * box["width"], y)
         page.mouse.down()
         page.mouse.move(box["x"] + 0.4 * box["width"], y, steps=8)
         page.mouse.up()
         until(lambda: abs(shown_s(page) - 0.4 * length_s) < 0.05, page, "it does not scrub")
         before_s = shown_s(page)
-        for _ in range(3):  # The first one may be nearer than what is shown of a second.
+        for _ in range(3):  # The first step may be smaller than the resolution of the time display.
             page.keyboard.press("Shift+Period")
         until(lambda: 0.05 < shown_s(page) - before_s < 0.25, page, "it does not step")
         page.keyboard.press("Period")

@@ -1,27 +1,21 @@
-"""Kiwi and mecanum on Dynamixel wheels: page, dashboard, bus, bridge, pty and servos, in processes.
+"""Kiwi and mecanum on Dynamixel wheels: page, dashboard, bus, bridge, pty and servos.
 
-How soon wheels are off is compared in virtual time, in tests/hardware/test_wheel_matrix.py; here a
-busy machine may hold up any of the programs.
+The shut-off delay of wheels is compared in virtual time in tests/hardware/test_wheel_matrix.py.
 """
 
 from __future__ import annotations
 
-import json
-import re
 import signal
-import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.app.conftest import PATIENCE_S, Program
+from tests.app.conftest import Program
 from tests.support.bridge_machine import wait_until
-from tests.support.page_client import Page
+from tests.support.wheel_rig import Rig, opened
 from tests.support.wheel_robots import WHEEL_ROBOTS
 from tsd_twin import robots
 from tsd_twin.messages.codes import Code
@@ -29,78 +23,18 @@ from tsd_twin.messages.codes import Code
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(240)]
 
 Start = Callable[..., Program]
-_TRIES = 6
 
 
-@dataclass
-class Rig:
-    """A robot with all its processes, and a page that drives it."""
-
-    start: Start
-    folder: Path
-    name: str
-    box: Program
-    bridge: Program
-    dashboard: Program
-    page: Page
-
-    def show(self) -> dict[str, Any]:
-        count = len(self.box.output)
-        self.tell("show")
-        wait_until(lambda: len(self.box.output) > count, "an answer of the box")
-        return json.loads(self.box.output[count])
-
-    def tell(self, command: str) -> None:
-        assert self.box.process.stdin is not None
-        self.box.process.stdin.write(command + "\n")
-        self.box.process.stdin.flush()
-
-    @property
-    def status(self) -> dict[str, Any]:
-        return self.page.state["status"]
-
-    @property
-    def code(self) -> str:
-        return (self.status.get("stop") or {}).get("code", "")
-
-    @property
-    def driven(self) -> bool:
-        return any(self.show()["driven"])
-
-    def drive(self) -> None:
-        """Mend all, get ready and hold the stick, as often as a busy machine makes necessary."""
-        end_s = time.monotonic() + PATIENCE_S
-        while time.monotonic() < end_s:
-            self.page.let_go()
-            try:
-                self.page.make_ready()
-                self.page.drive(0.1, 0.0, 0.0)
-            except AssertionError:
-                continue
-            if self.driven:
-                return
-        raise AssertionError((self.page.mode, self.status.get("stop"), self.show()))
-
-    def stands(self, seconds: float = 0.7) -> bool:
-        """Return whether no wheel is driven for a while, with the stick held."""
-        end_s = time.monotonic() + seconds
-        while time.monotonic() < end_s:
-            if self.driven:
-                return False
-        return True
+def flags_of(folder: Path) -> list[str]:
+    return ["--servos", str(folder / "port"), "--robot", str(folder / "robot.toml")]
 
 
-def bridge_of(start: Start, folder: Path, *more: str) -> Program:
-    return start(
-        "tsd_bridge",
-        *("--servos", str(folder / "port"), "--robot", str(folder / "robot.toml")),
-        *("--listen", "tcp/127.0.0.1:0"),
-        *more,
-    )
+def bridge_of(start: Start, folder: Path) -> Program:
+    return start("tsd_bridge", "--listen", "tcp/127.0.0.1:0", *flags_of(folder))
 
 
 @contextmanager
-def rig_of(start: Start, folder: Path, name: str) -> Iterator[Rig]:
+def rig_of(start: Start, folder: Path, name: str) -> Generator[Rig]:
     """Start everything for a robot."""
     robot = WHEEL_ROBOTS[name]
     (folder / "robot.toml").write_text(robot.text)
@@ -111,16 +45,8 @@ def rig_of(start: Start, folder: Path, name: str) -> Iterator[Rig]:
         *("--model", str(robot.model), "--volts", str(robot.volts)),
     )
     box.ready()
-    bridge = bridge_of(start, folder)
-    endpoint = bridge.ready().split()[-1]
-    dashboard = start("tsd_dashboard", "--port", "0", "--connect", endpoint)
-    port = int(re.findall(r"http://[^:/]+:(\d+)", dashboard.ready())[0])
-    page = Page(port, "0123456789abcdef")
-    page.until(lambda: page.state)
-    try:
-        yield Rig(start, folder, name, box, bridge, dashboard, page)
-    finally:
-        page.close()
+    with opened(start, name, box, flags_of(folder), speed_mps=0.1) as rig:
+        yield rig
 
 
 @pytest.fixture(scope="module", params=["kiwi", "mecanum"])
@@ -140,17 +66,12 @@ def rig(shared: Rig) -> Generator[Rig]:
 def test_the_stick_of_a_page_turns_the_wheels_as_the_kinematics_has_it(rig: Rig) -> None:
     robot = robots.parse_description(WHEEL_ROBOTS[rig.name].text, rig.name)
     wanted = robot.kinematics().inverse([0.1, 0.0, 0.0])
-    for _ in range(_TRIES):
-        rig.drive()
-        end_s = time.monotonic() + 3.0
-        while time.monotonic() < end_s:
-            seen = rig.show()
-            if np.allclose(seen["speeds"], wanted, atol=0.1 * np.abs(wanted).max()):
-                break
-        else:
-            continue
-        break
-    assert np.allclose(seen["speeds"], wanted, atol=0.1 * np.abs(wanted).max()), seen
+    rig.drive()
+
+    def turns_as_wanted() -> bool:
+        return np.allclose(rig.show()["speeds"], wanted, atol=0.1 * np.abs(wanted).max())
+
+    wait_until(turns_as_wanted, "the set speeds")
     assert rig.status["hardware"]["kind"] == "dynamixel_wheels"
     rig.page.let_go()
     wait_until(lambda: not rig.driven, "let go of, it stands")
@@ -186,16 +107,11 @@ def test_a_fault_is_named_on_the_page_and_nothing_turns_until_armed_again(
 ) -> None:
     limit_c = WHEEL_ROBOTS[rig.name].limit_c
     told = harm.replace("LIMIT", str(limit_c - 4)).replace("SHUTDOWN", str(limit_c + 2))
-    for left in reversed(range(_TRIES)):
-        rig.drive()
-        rig.tell(told)
-        rig.page.until(lambda: rig.page.mode in ("fault", "disarmed", "ready", "stopping"))
-        wait_until(lambda: not rig.driven, "off")
-        code = rig.code
-        if code in codes:
-            break
-        rig.tell("mend")
-        assert left, f"this machine is too busy: {rig.status.get('stop')}"
+    rig.drive()
+    rig.tell(told)
+    wait_until(lambda: not rig.driven, "off")
+    rig.page.until(lambda: rig.code)
+    assert rig.code in codes
     rig.tell("mend")
     assert rig.stands(), "mended, the stick is held, and nothing turns"
     rig.drive()

@@ -12,14 +12,14 @@ from tsd_twin.bus import Bus, client_config, node_config
 
 @pytest.fixture
 def robot() -> Generator[Bus]:
-    """A session that listens."""
+    """A listening session."""
     with Bus(node_config([ANY_PORT])) as bus:
         yield bus
 
 
 @pytest.fixture
 def connect(robot: Bus) -> Generator[Callable[[], Bus]]:
-    """Make sessions that are linked to it."""
+    """Return a function that opens sessions connected to it."""
     opened: list[Bus] = []
 
     def open_one() -> Bus:

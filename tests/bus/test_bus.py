@@ -1,4 +1,4 @@
-"""Sessions between which messages really travel, in one process and over one machine's TCP."""
+"""Sessions that exchange real messages, in one process and over local TCP."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from tests.support.robot_node import Mailbox, matched
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.bus.config import MOST_MESSAGE_BYTES
 from tsd_twin.errors import BusError
-from tsd_twin.messages.commands import Sample
-from tsd_twin.messages.topics import QoS
+from tsd_twin.messages.topics import QoS, Sample
 
 KEY = "twin/r1/state/odom"
 
@@ -105,7 +104,7 @@ with zenoh.open(config) as session:
 
 @pytest.mark.system
 def test_a_flood_never_holds_up_who_reads(robot: Bus) -> None:
-    """Whoever sends faster than it is read would keep an unbounded reader reading for ever."""
+    """A sender that is faster than the reader would occupy an unbounded reader forever."""
     reader, full = robot.subscriber(KEY, 16), []
     with subprocess.Popen([sys.executable, "-c", FLOOD, *robot.endpoints(), KEY]) as flood:
         while len(full) < 100:
@@ -127,7 +126,7 @@ def test_what_is_far_too_long_for_a_command_does_not_arrive(
 
 
 def test_a_publisher_can_be_closed_while_another_thread_puts(robot: Bus) -> None:
-    """As when a robot comes back while it is driven: Zenoh alone raises RuntimeError on both."""
+    """As when a robot returns while driven; Zenoh alone raises RuntimeError on both threads."""
     publishers = [robot.publisher(f"twin/tsd/test/{number}", QoS.REAL_TIME) for number in range(50)]
     errors: list[BaseException] = []
 
@@ -177,7 +176,7 @@ def test_events_reach_those_who_come_later(robot: Bus, connect: Callable[[], Bus
 def test_events_of_a_kind_that_is_new_reach_those_who_wait(
     robot: Bus, connect: Callable[[], Bus]
 ) -> None:
-    """The first event of a kind is sent as soon as its publisher exists; it must not be lost."""
+    """The first event of a kind is sent as soon as its publisher exists, and must not be lost."""
     box, kept = Mailbox(), []
     connect().subscribe_events("twin/r1/event/*", box)
     for kind in ("mode", "drop", "clamp"):
@@ -195,7 +194,7 @@ def test_a_message_that_is_too_long_is_dropped_and_the_session_goes_on(
     for payload in (b"before", bytes(MOST_MESSAGE_BYTES + 1), bytes(20_000_000)):
         publisher.put(payload)
     assert box.next().payload == b"before"
-    # What is sent while the long one is still on the line is dropped, as states are.
+    # Messages sent while the long one is still in transit are dropped, as for states.
     for _ in range(100):
         publisher.put(b"after")
         time.sleep(0.05)

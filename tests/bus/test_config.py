@@ -1,4 +1,4 @@
-"""Sessions are closed by default, and say in one sentence why they do not open."""
+"""Sessions are closed by default, and errors on opening are one sentence."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ OPEN_DOORS = (
 
 
 def setting(config: Config, key: str) -> Any:
-    """What Zenoh itself makes of the configuration."""
+    """Return a setting as Zenoh parses it."""
     return json.loads(config.parsed().get_json(key))
 
 

@@ -1,4 +1,4 @@
-"""A session whose handshake succeeds in the moment in which Zenoh gives it up."""
+"""A session whose handshake succeeds just as Zenoh gives up on it."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from tsd_twin.messages.status import decode_status
 from tsd_twin.messages.topics import Service
 
 OPEN_S = 1.0
-"""Timeout of the handshake; the shipped one is 5 s."""
+"""Handshake timeout; 5 s by default."""
 EARLY_S = 0.2
 LATE_S = 0.6
-"""The handshake succeeds so long before the timeout, and its last step ends so long after that."""
+"""The handshake succeeds 0.2 s before the timeout; its last step ends 0.6 s after it."""
 
 
 def hurried(config: Config) -> Config:
-    """Return a configuration that gives up handshakes earlier."""
+    """Return a configuration with a shorter handshake timeout."""
     return dataclasses.replace(
         config, others={"transport/unicast/open_timeout": json.dumps(round(1000 * OPEN_S))}
     )
@@ -38,7 +38,7 @@ def hurried(config: Config) -> Config:
 
 @contextlib.contextmanager
 def robot(kind: str, folder: Path) -> Generator[tuple[str, Config]]:
-    """Run a robot: its endpoint, and the configuration of an operator."""
+    """Run a robot; yield its endpoint and an operator's configuration."""
     if kind == "tcp":
         with running() as node:
             yield node.endpoint, client_config([node.endpoint])
@@ -52,9 +52,9 @@ def robot(kind: str, folder: Path) -> Generator[tuple[str, Config]]:
 
 @contextlib.contextmanager
 def half_open(endpoint: str, config: Config) -> Generator[Bus]:
-    """Open a session whose first connection Zenoh gives up while it adds it.
+    """Open a session whose first connection Zenoh gives up while adding it.
 
-    A listener of links is called within that last step, so a slow one makes it take long.
+    A link listener runs within that last step, so a slow one delays it.
     """
     slept = threading.Event()
 
@@ -80,7 +80,7 @@ def test_a_connection_given_up_while_it_was_made_is_made_anew(kind: str, tmp_pat
         statuses = Mailbox()
         bus.subscribe(topics.STATUS.key("tsd"), statuses)
         statuses.next()
-        # What was declared before works in both directions, and it is one connection.
+        # Earlier declarations work in both directions, over a single connection.
         assert msgspec.json.decode(bus.query(Service.STOP.key("tsd"), b"{}", PATIENCE_S))["ok"]
         while decode_status(statuses.next().payload).mode != "stopped":
             pass

@@ -1,4 +1,4 @@
-"""Who is there, who comes and who goes."""
+"""Liveliness tokens: present peers, arrivals and departures."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ KEY = "twin/r1/state/odom"
 
 
 def test_who_lives_is_known_until_the_session_ends(robot: Bus, connect: Callable[[], Bus]) -> None:
-    """A client of one robot sees the other robot, whose node has joined the node of the first."""
+    """A client of the first robot also sees a second robot, whose node joined the first node."""
     box, late = Mailbox(), Mailbox()
     connect().subscribe_liveliness("twin/*/alive", box)
     other = Bus(node_config([ANY_PORT], robot.endpoints()))
-    other.declare_token("twin/r2/alive")  # Nobody keeps the token: it lives on.
+    other.declare_token("twin/r2/alive")  # No reference is kept, and the token remains.
     assert box.next() == ("twin/r2/alive", True)
     assert robot.living_tokens("twin/*/alive") == ["twin/r2/alive"]
     connect().subscribe_liveliness("twin/*/alive", late)
@@ -45,7 +45,7 @@ def test_a_router_that_joins_another_hears_of_those_who_live_there(robot: Bus) -
 
 
 MANY = 400
-"""More than the 256 that the default queue of a query of Zenoh holds."""
+"""More than 256, the default queue size of a Zenoh query."""
 
 
 def test_many_that_live_on_one_router_are_all_found_by_it_and_by_others(
@@ -55,7 +55,7 @@ def test_many_that_live_on_one_router_are_all_found_by_it_and_by_others(
     for key in keys:
         robot.declare_token(key)
     found: list[str] = []
-    # A daemon: the defect was that this never returns.
+    # A daemon, because the tested defect is that this never returns.
     asking = threading.Thread(
         target=lambda: found.extend(robot.living_tokens("twin/*/alive")), daemon=True
     )
@@ -67,7 +67,7 @@ def test_many_that_live_on_one_router_are_all_found_by_it_and_by_others(
     client = connect()
     client.subscribe_liveliness("twin/*/alive", box)
     assert {box.next() for _ in keys} == {(key, True) for key in keys}
-    # A session that has just joined may hear of the first ones only, as it did before.
+    # A session that has just joined may receive only the first tokens.
     end_s = time.monotonic() + PATIENCE_S
     while set(client.living_tokens("twin/*/alive")) != keys:
         assert time.monotonic() < end_s
@@ -81,7 +81,7 @@ def test_a_client_finds_a_robot_that_comes_later() -> None:
     with Bus(node_config([ANY_PORT])) as first:
         (endpoint,) = first.endpoints()
     with Bus(client_config([endpoint])) as client:
-        assert not client.wait_for_peer(0.3)  # It has tried, and was refused.
+        assert not client.wait_for_peer(0.3)  # It has tried and was refused.
         box = Mailbox()
         client.subscribe(KEY, box)
         with Bus(node_config([endpoint])) as robot:

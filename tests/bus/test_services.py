@@ -1,4 +1,4 @@
-"""Questions and answers between sessions."""
+"""Queries and replies between sessions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 
 def answering(bus: Bus, key: str, payload: bytes, *, patterns: bool = False) -> Callable[[], None]:
-    """Serve a key in a thread; the function that is returned ends it."""
+    """Serve a key on a thread; the returned function stops it."""
     server, stop = bus.queryable(key, patterns=patterns), threading.Event()
 
     def serve() -> None:
@@ -38,7 +38,7 @@ def answering(bus: Bus, key: str, payload: bytes, *, patterns: bool = False) -> 
 
 
 def when_known(ask: Callable[[], T | None]) -> T:
-    """Ask until there is an answer: a session hears of who serves a moment after it opens."""
+    """Query until a reply arrives, because discovery takes a moment after opening."""
     end_s = time.monotonic() + PATIENCE_S
     while True:
         try:
@@ -86,7 +86,7 @@ PATTERNS = ("**", "twin/**", "twin/r1/*", "twin/*/stop", "twin/r$*/stop")
 
 
 def test_a_query_to_a_pattern_is_no_request(robot: Bus, connect: Callable[[], Bus]) -> None:
-    """Exploring the bus means asking patterns; only the exact key asks for an effect."""
+    """Patterns explore the bus; only a query to the exact key requests an action."""
     server, client = robot.queryable("twin/r1/stop"), connect()
     querier = client._session.declare_querier("twin/r1/stop")
     when_known(lambda: querier.matching_status.matching or None)
@@ -122,6 +122,6 @@ def test_silence_is_an_error_that_names_the_key(robot: Bus, connect: Callable[[]
     client = connect()
     with pytest.raises(NoAnswerError, match="twin/nobody/desc: no answer within"):
         client.query("twin/nobody/desc", b"", 0.2)
-    robot.queryable("twin/r1/desc")  # Which nobody takes requests from.
+    robot.queryable("twin/r1/desc")  # A key on which no session serves requests.
     with pytest.raises(NoAnswerError, match=r"twin/r1/desc: no answer within 0\.2 s"):
         client.query("twin/r1/desc", b"", 0.2)

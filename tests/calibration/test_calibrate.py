@@ -1,4 +1,4 @@
-"""A machine whose errors are drawn at random drives; what it is found to have is what it has."""
+"""Calibrate a simulated machine with random errors and compare the result with the truth."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Calibrated(NamedTuple):
 
 
 def figures(folder: Path) -> dict[str, dict[str, float]]:
-    """Return the rows of the table by name; an empty cell is NaN."""
+    """Return the rows of the table by name, with NaN for empty cells."""
     with (folder / "calibrate.csv").open(newline="", encoding="utf-8") as file:
         return {
             row["name"]: {
@@ -35,16 +35,16 @@ def figures(folder: Path) -> dict[str, dict[str, float]]:
 
 @pytest.fixture(scope="module")
 def machine(tmp_path_factory: pytest.TempPathFactory) -> Calibrated:
-    """One machine, calibrated, and its description written to `my.toml`."""
+    """One calibrated machine, with its description in `my.toml`."""
     folder = tmp_path_factory.mktemp("machine")
     written = str(folder / "my.toml")
     return Calibrated(folder, run(folder, "calibrate", "--seed", "1", "--write-to", written))
 
 
 def assert_found(rows: dict[str, dict[str, float]]) -> None:
-    """To 0.05 deg and 0.5 %, and as surely as it says, but for the layers of printed wheels.
+    """Check errors against 0.05° and 0.5 %, and against the stated sigma.
 
-    These are up to 0.25 % of a radius, and which wheel is larger for it is not noise.
+    The sigma check allows for the layers of printed wheels, which change a radius by up to 0.25 %.
     """
     for name, row in rows.items():
         angle = name.endswith(("alpha", "beta"))
@@ -53,7 +53,7 @@ def assert_found(rows: dict[str, dict[str, float]]) -> None:
         layers = 0.01 if angle else 0.0025 * row["true"]
         assert abs(row["found"] - row["true"]) < 5.0 * row["sigma"] + layers, name
     before = [abs(row["before"] - row["true"]) for name, row in rows.items() if "alpha" in name]
-    assert max(before) > 0.05  # There was something to find.
+    assert max(before) > 0.05  # The initial error was significant.
 
 
 def test_zeros_radii_and_spins_are_found(machine: Calibrated) -> None:
@@ -75,7 +75,7 @@ def test_so_they_are_of_other_machines_better_or_worse_built(
 def test_a_recorded_log_says_what_the_drive_itself_said_also_when_clocks_disagree(
     machine: Calibrated, tmp_path: Path
 ) -> None:
-    """As of a camera whose computer is 30 ms behind; its poses are in rows of their own."""
+    """The camera clock is 30 ms behind, and poses are in separate rows."""
     with (machine.folder / "calibrate_log.csv").open(newline="", encoding="utf-8") as file:
         names, *rows = csv.reader(file)
     poses = [names.index(name) for name in ("x_m", "y_m", "heading_rad")]
@@ -88,7 +88,7 @@ def test_a_recorded_log_says_what_the_drive_itself_said_also_when_clocks_disagre
         csv.writer(file).writerows([names, *rows, *seen])
     lines = run(tmp_path, "calibrate", "--log", str(tmp_path / "log.csv"))
     (lag,) = [line.split() for line in lines if line.startswith("the joints lag the camera by")]
-    # The delay of the description's errors is 5 ms.
+    # The errors in the description include a delay of 5 ms.
     assert float(lag[6]) == pytest.approx(35.0, abs=5.0 * float(lag[8]))
     again, first = figures(tmp_path), figures(machine.folder)
     for name, row in first.items():
@@ -119,9 +119,9 @@ def test_at_one_speed_three_directions_of_six_zeros_are_not_told(tmp_path: Path)
     assert len(lines) - told - 1 == 3
     assert any("wheel radius times the speed" in line for line in lines)
     rows = figures(tmp_path)
-    # And it says so: no zero is surer than a good part of what was known before, one degree.
+    # The reported sigma shows it: much of the 1° prior remains for every beta zero.
     assert min(row["sigma"] for name, row in rows.items() if "beta" in name) > 0.3
-    # Wheel radius and common spin are found as a product.
+    # Only the product of wheel radius and common spin is observable.
     product = [
         rows["wheel_radius"][which] * np.mean([rows[f"module{i}_spin"][which] for i in (1, 2, 3)])
         for which in ("found", "true")

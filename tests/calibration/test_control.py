@@ -1,4 +1,4 @@
-"""Whatever goes wrong while the lab drives a robot on a bus, it lets go, and the robot rests."""
+"""After any failure of a guided drive, control is released and the robot is at rest."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_it_lets_go_of_the_robot_whatever_goes_wrong(monkeypatch: pytest.MonkeyP
             os.write(outside, b" ")
 
         def hold_up() -> None:
-            time.sleep(1.2)  # As a laptop that is closed; nothing can be awaited here.
+            time.sleep(1.2)  # Like a laptop closed suddenly, so nothing can be awaited here.
 
         def refuse() -> None:
             raise TwinError("the guide says so")
@@ -69,7 +69,7 @@ def test_it_lets_go_of_the_robot_whatever_goes_wrong(monkeypatch: pytest.MonkeyP
 def _drive_until(
     lab: RobotClient, speed_mps: Callable[[], float], trouble: Callable[[], None], says: str
 ) -> None:
-    """Drive, make trouble once the robot moves, and see that it is told."""
+    """Drive, cause trouble once the robot moves, and check the error."""
     done = False
 
     def step(_now_s: float) -> Array:

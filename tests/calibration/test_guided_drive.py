@@ -1,6 +1,6 @@
-"""A robot that is wrongly calibrated drives its tour by a camera, stays in its area, or is stopped.
+"""Guided drive of a miscalibrated robot by camera: it stays in its area or is stopped.
 
-In virtual time; the simulator tells where it really goes.
+Runs in virtual time; the simulator provides the true pose.
 """
 
 from __future__ import annotations
@@ -27,24 +27,24 @@ def test_it_drives_its_tour_within_the_area_and_what_is_wrong_is_found() -> None
     stage = Stage(late_s=1.0)
     stage.run()
     assert stage.guide.progress == 1.0
-    # It has been where the squares are, and not much further, however late the camera is.
+    # The robot covers the squares and not much more, at any camera latency.
     assert stage.tour.half_m - 0.05 < stage.farthest_m < stage.tour.fence_m
     found = fit_calibration(
         ROBOT.kinematics(), [stage.recording()], CameraNoise(), ROBOT.joint_errors()
     ).found
-    # One run tells three things about six zeros: how the robot creeps.
+    # One run observes only the creep twist: three combinations of the six zeros.
     creep = twist_by_zero_offsets(ROBOT)
     off = creep @ (found.offset_rad.ravel() - np.radians(ZEROS_DEG).ravel())
-    # As far as zeros that are off by 0.02 degrees each would be; the bound is 0.05.
+    # As accurate as zeros within 0.02 degrees each; the requirement is 0.05.
     assert (np.abs(off) < np.radians(0.02) * np.linalg.norm(creep, axis=1)).all()
-    # No wheel speed was measured, so the radius stands for its product with what they share.
+    # Wheel speed was not measured, so the radius includes the common speed factor.
     assert 0.04 * found.wheel_radius == pytest.approx(0.0404, rel=0.005)
     assert 0.15 * found.pivot_radius == pytest.approx(0.149, rel=0.005)
 
 
 @pytest.mark.parametrize("is_measured", [False, True])
 def test_the_fit_starts_from_what_the_robot_has_learned(is_measured: bool) -> None:
-    """Zeros as they are; wheels that are 1 % too fast in the mean are as much too large."""
+    """Zeros start at the learned values; the radius includes the mean learned speed error."""
     told = np.full((2, 3), 260.0)
     spins = told if is_measured else np.full((2, 3), np.nan)
     poses = np.zeros((2, 3))
@@ -62,7 +62,7 @@ def test_the_fit_starts_from_what_the_robot_has_learned(is_measured: bool) -> No
 
 
 def test_a_robot_that_turns_by_itself_against_its_way_still_turns_both_ways() -> None:
-    """By 12 degrees a second, slowly driven."""
+    """The robot turns at 12 °/s without a command, while driving slowly."""
     stage = Stage(speed_mps=0.5, zeros_deg=np.array([[0.17, 0.0]] * 3))
     turns = replace(stage.tour, legs=stage.tour.legs[1::2])
     stage.guide = GuidedDriver(ROBOT, turns)
@@ -87,7 +87,7 @@ def turned(pose: Array, _now_s: float) -> Array | None:
 
 
 def frozen() -> View:
-    """As of a tracker that shows its last picture for ever, with the time of now."""
+    """Like a tracker that repeats its last picture with current timestamps."""
     last = np.zeros(3)
 
     def view(pose: Array, now_s: float) -> Array:
@@ -114,7 +114,7 @@ def test_a_camera_that_is_wrong_ends_the_drive_and_it_rests_within_its_room(
     stage = Stage(view=view)
     with pytest.raises(TwinError, match=says):
         stage.run()
-    # Not even told so: it hears nothing any more.
+    # The request cannot reach it, because the link is cut.
     stage.stop()
     assert stage.farthest_m < ROOM_M
 
@@ -135,7 +135,7 @@ def test_the_tour_fits_into_its_room_or_is_refused(room_m: float, speed_mps: flo
         return
     ways = plan_calibration(ROBOT, room_m, speed_mps)
     limits = ROBOT.limits
-    # Under a lease of twice the usual age: 0.42 s, and braking; docs/safety.md.
+    # The lease doubles the usual command age: 0.42 s plus braking; see docs/safety.md.
     braking_m = 0.42 * speed_mps + speed_mps**2 / (2 * limits.deceleration_mps2)
     assert ways.fence_m + braking_m <= room_m + 1e-9
     for leg in ways.legs:
@@ -143,7 +143,7 @@ def test_the_tour_fits_into_its_room_or_is_refused(room_m: float, speed_mps: flo
         poses = np.array([leg.at(t_s).pose for t_s in at_s])
         assert np.abs(poses[:, :2]).max() <= ways.half_m + 1e-9
         speeds = np.array([leg.at(t_s).twist for t_s in at_s])
-        # What is left is for correction.
+        # The remaining 20 % is reserved for feedback correction.
         assert np.hypot(*speeds[:, :2].T).max() <= 0.8 * speed_mps
         assert np.abs(speeds[:, 2]).max() <= 0.8 * limits.turn_rate_rad_per_s * speed_mps
     np.testing.assert_allclose(

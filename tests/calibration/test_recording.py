@@ -1,4 +1,4 @@
-"""What comes over the bus becomes a recording, with all times of the robot's own clock."""
+"""Bus messages become a calibration recording with all times on the robot's clock."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from tsd_twin.cli.experiment import Output
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.cdr import JointState, encode_joints
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.pose import PoseStamped, encode_pose
 from tsd_twin.messages.status import RobotStatus, encode_stamp, encode_status
+from tsd_twin.messages.topics import Sample
 from tsd_twin.recording.channels import EntryMaker
 from tsd_twin.recording.mcap_file import RecordingFile
 from tsd_twin.robots import SingularityDescription
@@ -37,11 +37,11 @@ from tsd_twin.robots import SingularityDescription
 ROBOT = robots.description_of_kind(robots.load_robot("tsd"), SingularityDescription)
 NAMES = [joint.name for joint in ROBOT.kinematics().joints]
 AHEAD_S = 1_700_000_000.25
-"""Wall clock less monotonic."""
+"""Wall clock minus monotonic clock."""
 
 
 def joints(now_s: float, angles: Array, speeds: Array, ahead_s: float = AHEAD_S) -> Sample:
-    """As the node sends it."""
+    """Joint message as the node sends it."""
     row = np.column_stack([angles.reshape(3, 2), speeds])
     is_angle = np.tile([True, True, False], 3)
     state = JointState(
@@ -55,7 +55,7 @@ def joints(now_s: float, angles: Array, speeds: Array, ahead_s: float = AHEAD_S)
 
 
 def pose(seen_s: float, x_m: float, heading: float = 0.0, ahead_s: float = AHEAD_S) -> Sample:
-    """As a camera sends it."""
+    """Pose message as a camera sends it."""
     stamp_ns = round((seen_s + ahead_s) * 1e9)
     message = PoseStamped.planar(SE2(np.array([x_m, 0.0, heading])), stamp_ns)
     return Sample("twin/tsd/sensor/pose", encode_pose(message), b"")
@@ -64,7 +64,7 @@ def pose(seen_s: float, x_m: float, heading: float = 0.0, ahead_s: float = AHEAD
 def samples(
     seconds: float = 2.0, late_s: float = 0.08, jump_s: float = 0.0
 ) -> Iterator[tuple[float, Sample]]:
-    """All that comes in a while, with its time; the wall clock jumps in the middle."""
+    """All messages of a time interval; the wall clock jumps halfway."""
     for i in range(round(seconds / 0.02)):
         now_s = 100.0 + 0.02 * i
         ahead_s = AHEAD_S + (jump_s if i > 0.5 * seconds / 0.02 else 0.0)
@@ -89,7 +89,7 @@ def heard(seconds: float = 2.0, late_s: float = 0.08, jump_s: float = 0.0) -> Ro
 
 
 def written(path: Path, *modes: tuple[float, str], robots_in_it: int = 1) -> Path:
-    """A file of `tsd-record`; each mode is from that time on."""
+    """Write a file like `tsd-record`, with modes by start time."""
     file, make = RecordingFile(path), EntryMaker()
     for now_s, sample in samples():
         log_ns = round((now_s + AHEAD_S) * 1e9)
@@ -107,7 +107,7 @@ def written(path: Path, *modes: tuple[float, str], robots_in_it: int = 1) -> Pat
 
 
 def test_a_file_of_the_recorder_has_the_drive_that_was_heard(tmp_path: Path) -> None:
-    """It begins when the robot is ready, and ends when it stops."""
+    """The run starts when the robot becomes ready and ends when it stops."""
     modes = [(0.0, "disarmed"), (100.5, "ready"), (100.8, "driving"), (101.5, "stopped")]
     (found,) = read_recordings(str(written(tmp_path / "run.mcap", *modes)), ROBOT)
     once = heard().recording(100.5, 101.48, battery_v=10.8)
@@ -135,13 +135,13 @@ def test_each_time_that_it_drives_is_a_run_and_standing_is_none(tmp_path: Path) 
 def test_poses_stand_at_the_time_they_were_seen_on_the_clock_of_the_joints(late_s: float) -> None:
     recording = heard(late_s=late_s).recording(100.5, 101.5, battery_v=0.9 * 12.0)
     assert recording.t_s[0] == 0.0
-    # The robot moved at a metre a second from where x was its time, and joints count the rows.
+    # In these messages, x moves at 1 m/s and joints count the rows.
     np.testing.assert_allclose(recording.camera_poses[:, 0] - 100.5, recording.camera_s, atol=0.02)
     np.testing.assert_allclose(
         recording.camera_s, recording.camera_poses[:, 0] - 100.5, atol=1e-3 + 0.02
     )
     np.testing.assert_allclose(recording.angles_rad[:, 0], 0.05 * (recording.t_s + 0.5), atol=2e-3)
-    # Speeds that were told, at the voltage that there was; none was measured.
+    # Commanded speeds at the reported voltage; no speed was measured.
     np.testing.assert_allclose(recording.commanded_rad_per_s[3], [225.0, 180.0, 180.0])
     assert np.isnan(recording.spin_rad_per_s).all()
 
@@ -175,7 +175,7 @@ def test_a_drive_of_which_nothing_was_heard_is_none() -> None:
 
 
 def test_a_recording_in_a_file_is_the_same_again(tmp_path: Path) -> None:
-    """Frames fall between the joints, and turn by more than half a turn."""
+    """Frames fall between joint samples, and turn by more than half a turn."""
     once = heard().recording(100.5, 101.9, None)
     once.camera_poses[:, 2] = np.linspace(0.0, 7.0, len(once.camera_poses))
     out = Output(tmp_path)

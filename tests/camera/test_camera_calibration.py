@@ -1,4 +1,4 @@
-"""A simulated camera that calibrates itself, against the lens and place that it has."""
+"""Self-calibration of a simulated camera recovers its lens and place."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SIZE = 960, 540
 
 
 def calibrated(file: Path, seed: int) -> tuple[SimulatedCamera, CameraSetup]:
-    """Return a camera with an unknown lens and place, and what its calibration has found."""
+    """Return a camera with unknown lens and place, and its calibration result."""
     random = np.random.default_rng(seed)
     view = random_view(SIZE, 60.0, 2.0, random)
     on_floor = floor_tags(view, 0.16, random)
@@ -46,7 +46,7 @@ def test_a_robot_is_within_what_the_calibration_states(tmp_path: Path, seed: int
         error = found.pose.xy_heading - [x, y, heading]
         error[2] = wrap(error[2])
         assert np.hypot(*error[:2]) < 0.006
-        # Of 12 errors of 3 numbers, one in 1e5 sets has a larger one.
+        # Chance of a larger error in 12 sets of 3 numbers: 1e-5.
         assert error @ np.linalg.solve(found.covariance, error) < 31.0
 
 

@@ -1,4 +1,4 @@
-"""Sources of pictures: folders, video files, streams, and a camera that is lost and comes back."""
+"""Picture sources: folders, video files, streams, and a camera that disconnects and returns."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_what_has_no_pictures_is_one_sentence(
 
 
 class UnsteadyCamera:
-    """Camera that shows two pictures each time that it is plugged in."""
+    """Camera that shows two pictures each time it is plugged in."""
 
     def __init__(self) -> None:
         self.opened = 0

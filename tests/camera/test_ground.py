@@ -1,4 +1,4 @@
-"""Pictures on the floor of the scene: each place has the colour that the camera sees there."""
+"""Pictures on the scene floor: each point has the colour seen there by the camera."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ PERIOD_M = 0.8
 
 
 def colours(places: Array) -> Array:
-    """Colours (n, 3) of a floor with soft waves along x and y."""
+    """Colours (n, 3) of a floor with smooth waves along x and y."""
     waves = 0.5 + 0.4 * np.sin(2.0 * np.pi * places / PERIOD_M)
     return 255.0 * np.column_stack([waves, np.full(len(places), 0.5)])
 
 
 def pinhole(position_m: Array, rotation: Array, focal_px: float) -> Array:
-    """Return the picture of a pinhole above that floor, by rays of its own."""
+    """Render that floor with a pinhole camera, by independent ray casting."""
     columns, rows = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
     rays = np.stack(
         [

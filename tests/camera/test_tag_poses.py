@@ -1,4 +1,4 @@
-"""Poses of robots from simulated pictures, against the poses that were drawn."""
+"""Robot poses from simulated pictures, against the true poses."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_most_standing_robots_are_found_and_all_poses_are_within_two_millimetres
             assert np.hypot(*error[:2]) < 0.002
             assert abs(wrap(error[2])) < np.radians(1.0)
             found += 1
-    # OpenCV misses a tag, or is 5 px off in a corner, in one picture of a hundred.
+    # In one of 100 pictures, OpenCV misses a tag or is 5 px off in a corner.
     assert found >= 0.9 * len(poses)
 
 

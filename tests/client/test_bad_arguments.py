@@ -1,4 +1,4 @@
-"""No bad argument of any public method keeps a control from resting, or from its next motion."""
+"""After a bad argument to any public method, a control can still rest and move."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import tsd_twin
-from tests.support.robot_node import QUICK, RunningNode, running
+from tests.support.robot_node import RunningNode, running
 from tsd_twin import SimulatedRobot
 from tsd_twin.client import RobotStopped
 from tsd_twin.client.aio import AsyncRobotControl
@@ -29,9 +29,9 @@ GOOD = {
     "rpm": 7000.0,
 }
 ENDINGS = {"acquire", "release", "arm", "arming", "disarm", "stop", "reset", "hand_over"}
-"""Methods after which the robot is not ready, or has no operator."""
+"""Methods after which the robot is not ready or has no operator."""
 UNTIMED = {"staying_ready", "driving"}
-"""Iterators; their arguments are checked when they are first advanced."""
+"""Iterators, whose arguments are checked on the first step."""
 
 
 def methods(kind: type) -> list[str]:
@@ -40,7 +40,7 @@ def methods(kind: type) -> list[str]:
 
 
 def bad_calls(kind: type) -> Iterator[tuple[str, dict[str, object]]]:
-    """Yield each method with each of its arguments wrong in turn, the others right."""
+    """Yield each method with one wrong argument at a time."""
     for name in methods(kind):
         parameters = list(inspect.signature(getattr(kind, name)).parameters.values())[1:]
         needed = [each.name for each in parameters if each.default is inspect.Parameter.empty]
@@ -76,7 +76,7 @@ def test_every_method_of_a_control_is_called() -> None:
 
 
 def push(base: RobotControl) -> None:
-    """Set a sound velocity, or the turn rate of a sphere."""
+    """Set a valid velocity, or the turn rate of a sphere."""
     if base.robot.id == "atlas":
         base.set_turn_rate(wx_rad_per_s=0.1)
     else:
@@ -129,12 +129,12 @@ def test_after_an_error_of_other_methods_the_robot_rests_and_drives(
 
 @pytest.fixture(scope="module")
 def robot_node() -> Iterator[RunningNode]:
-    with running(toml=QUICK) as it:
+    with running() as it:
         yield it
 
 
 def _quick(calls: list[tuple[str, dict[str, object]]]) -> list[tuple[str, dict[str, object]]]:
-    """Leave out what starts a motion or a request: the same code, but in real time."""
+    """Skip calls that start a motion or a request, which run the same code in real time."""
     return [
         (name, arguments)
         for name, arguments in calls
@@ -198,7 +198,7 @@ def test_the_sentence_names_the_argument(
 
 
 def test_rest_ends_a_motion_that_is_not_finished() -> None:
-    """As when a loop over `driving` calls it, or another thread."""
+    """As when a loop over `driving`, or another thread, calls it."""
     with SimulatedRobot("kiwi") as robot, robot.control("script") as base:
         driving = base.driving(lambda _now_s: (0.2, 0.0, 0.0))
         for _ in range(10):

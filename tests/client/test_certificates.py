@@ -1,4 +1,4 @@
-"""The client over TLS, with the certificates that `tsd-certs` makes."""
+"""The client over TLS, with the certificates from `tsd-certs`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.system
 
 @pytest.fixture(scope="module")
 def keys(tmp_path_factory: pytest.TempPathFactory) -> Generator[Path]:
-    """Keys for a robot on this machine, which runs, an operator and a viewer."""
+    """Keys for a running robot on this machine, an operator and a viewer."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]

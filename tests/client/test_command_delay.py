@@ -1,4 +1,4 @@
-"""The delay of the loop, measured with the numbers of commands; the status is not trusted."""
+"""Loop delay measured by command numbers, without trusting the status."""
 
 from __future__ import annotations
 

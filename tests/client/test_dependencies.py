@@ -1,4 +1,4 @@
-"""A client and a simulated robot import nothing but numpy, zenoh and msgspec."""
+"""Client and simulated robot import only numpy, zenoh and msgspec."""
 
 from __future__ import annotations
 

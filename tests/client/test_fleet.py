@@ -1,4 +1,4 @@
-"""Several robots on a bus: find them, name one, stop all; replays are not robots."""
+"""Several robots on a bus: find, select and stop them; replays are not robots."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_a_replay_is_neither_found_nor_connected_nor_stopped(
     with tsd_twin.connect(node.endpoint) as robot:
         assert robot.id == "tsd"
     assert tsd_twin.stop_all(node.endpoint, reason="a test") == ["tsd"]
-    with tsd_twin.connect(node.endpoint, robot="yesterday") as robot:  # By name it can be read.
+    with tsd_twin.connect(node.endpoint, robot="yesterday") as robot:  # It can be read by name.
         assert robot.state.status.is_recording
 
 
@@ -66,7 +66,7 @@ def test_stop_all_stops_each_robot_also_two_with_one_id() -> None:
 
 
 def test_robots_and_endpoints_that_do_not_confirm_are_named(node: RunningNode) -> None:
-    node.bus.declare_token(topics.instance_key("tsd", "f" * 16))  # A mute one with its id.
+    node.bus.declare_token(topics.instance_key("tsd", "f" * 16))  # A silent robot with the same id.
     with pytest.raises(tsd_twin.StopNotConfirmed, match=f"stop of {NOWHERE}, tsd:") as caught:
         tsd_twin.stop_all([NOWHERE, node.endpoint])
     assert caught.value.robots == (NOWHERE, "tsd")

@@ -1,4 +1,4 @@
-"""A child that is forked while its parent controls a robot fails at once, with a sentence."""
+"""A child process forked while its parent controls a robot fails at once with an error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One range of headings: the same number on the bus, in the simulator, and to drive with."""
+"""Headings have the same range on the bus, in the simulator, and as goals."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_three_turns_on_the_spot_read_the_same_from_the_bus_and_in_the_simulator
 
 
 def test_a_place_is_reached_on_the_shorter_way_from_both_sides_of_the_border() -> None:
-    """The estimate inside has counted the turns: a goal across the border is a small turn."""
+    """The internal estimate counts turns, but a goal across the border is a small turn."""
     with SimulatedRobot("kiwi", pose=(0.0, 0.0, 3.0)) as robot, robot.control("script") as base:
         for heading_rad in (-3.0, 3.0, math.pi, -math.pi):
             began_s = robot.time_s

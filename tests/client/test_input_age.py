@@ -1,4 +1,4 @@
-"""Age of an input: repetitions of a set-point never move the robot for longer than the gate allows.
+"""Input age: repeated setpoints never move the robot longer than the gate allows.
 
 Protocol and robot controller in virtual time, with delays, losses and pauses.
 """
@@ -17,7 +17,7 @@ from tsd_twin.client.echoes import NEVER_SENT, Echoes
 from tsd_twin.messages.modes import Mode
 
 SETTLED_S = 3.0
-"""After this a lost robot is at rest."""
+"""After this time a disconnected robot is at rest."""
 
 
 @given(
@@ -42,7 +42,7 @@ def test_no_input_moves_the_robot_for_longer_than_its_command_age(
     ages_s: list[float],
     events: list[tuple[float, str]],
 ) -> None:
-    """Whichever part fails, in any order, before or after the last input."""
+    """For failures of any component, in any order, before or after the last input."""
     client = DelayedClient(name, up_s, down_s, max_age_s)
     bound_s = client.max_age_s + 2 * PERIOD_S
     silent, next_s, waiting = False, client.rig.now_s, list(ages_s)
@@ -70,7 +70,7 @@ def test_no_input_moves_the_robot_for_longer_than_its_command_age(
 def test_one_set_velocity_moves_the_robot_and_brings_it_to_rest(
     name: str, trip_s: float, phase: int
 ) -> None:
-    """The zero arrives in time, before the command timeout of the robot."""
+    """The zero arrives before the command timeout of the robot."""
     client = DelayedClient(name, 0.5 * trip_s, 0.5 * trip_s, None)
     client.wait(phase * PERIOD_S)
     for _ in range(2):

@@ -1,4 +1,4 @@
-"""Procedures, step by step, against a robot that answers late, badly or not at all."""
+"""Procedures, step by step, against a robot that replies late, wrongly or not at all."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ REFUSED = msgspec.json.encode(Reply(False, "a gimbal is not at neutral"))
 
 
 def answered(procedure: Procedure[None], *answers: tuple[float, bytes | None]) -> Call:
-    """Answer each call in turn at a time, and return the next one."""
+    """Answer each call in turn at a time, and return the next call."""
     step = next(procedure)
     for now_s, answer in answers:
         step = procedure.send(Outcome(now_s, answer))
@@ -45,7 +45,7 @@ def answered(procedure: Procedure[None], *answers: tuple[float, bytes | None]) -
 
 
 def test_a_late_grant_is_not_lost_by_a_status_that_was_under_way() -> None:
-    """The answer takes 0.8 s, and the status that comes after it was sent before it."""
+    """The reply takes 0.8 s, and the next status was sent before it."""
     protocol = ControlProtocol("tsd", ROBOT, "alice")
     protocol.receive_status(status(holder=None), 1, 0.0)
     procedure = steps.acquire(protocol)
@@ -169,7 +169,7 @@ def test_who_has_lost_control_sends_no_zero_to_the_robot_of_another() -> None:
 
 
 def test_a_motion_does_not_go_on_after_the_robot_stopped_by_itself() -> None:
-    """However short the stop was: `stops` has risen, though the mode is ready again."""
+    """Even after a short stop: `stops` has increased, although the mode is ready again."""
     protocol = granted()
     procedure = motions.drive(protocol, 0.0, (0.3, 0.0, 0.0), 10.0, "base_link")
     next(procedure)
@@ -212,7 +212,7 @@ def test_a_path_without_progress_says_how_many_commands_came_too_late(stale: int
 
 
 def test_a_robot_that_cannot_be_disarmed_is_stopped() -> None:
-    """Twice there is no answer; at the third try the robot refuses, and no operator has control."""
+    """Two attempts get no reply; the third is refused, and no operator has control."""
     protocol = granted()
     procedure = steps.give_back(protocol, 0.0)
     zero = next(procedure)

@@ -1,4 +1,4 @@
-"""Laws of the operator's protocol, in virtual time."""
+"""Properties of the operator protocol, in virtual time."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def status(mode: str = "ready", holder: str | None = "alice", **fields: Any) -> 
 
 
 def granted(now_s: float = 0.0) -> ControlProtocol:
-    """A protocol that holds the lease of a robot that is ready."""
+    """A protocol that holds the lease of a ready robot."""
     protocol = ControlProtocol("tsd", ROBOT, "alice")
     protocol.receive_status(status(), 1, now_s)
     protocol.grant(LeaseReply(True, LEASE, "alice", 2.0, "", 0.25), now_s)
@@ -54,7 +54,7 @@ def speed(command: TwistCommand) -> float:
 
 @given(st.lists(st.one_of(st.none(), st.integers(-3, 30)), max_size=60))
 def test_numbers_rise_and_each_command_echoes_the_newest_status(steps: list[int | None]) -> None:
-    """Statuses come in any order; None is a command."""
+    """Statuses arrive in any order; None is a command."""
     protocol, newest, last = granted(), 1, 0
     for step in steps:
         if step is None:
@@ -64,7 +64,7 @@ def test_numbers_rise_and_each_command_echoes_the_newest_status(steps: list[int 
             assert echoed == newest
             last = number
         else:
-            # Up to three behind the newest: overtaken on its way.
+            # Up to three behind the latest, as with reordering.
             seq = max(1, newest + step)
             protocol.receive_status(status(), seq, 0.0)
             newest = max(newest, seq)
@@ -85,7 +85,7 @@ def test_a_restarted_robot_counts_its_statuses_from_one() -> None:
 def test_a_set_point_moves_the_robot_for_no_longer_than_its_time_out(
     gaps_s: list[float], refreshes: list[bool]
 ) -> None:
-    """However the caller and the sender are scheduled, no motion is sent 0.2 s after a refresh."""
+    """For any schedule of caller and sender, no motion is sent 0.2 s after a refresh."""
     protocol, now_s, seq = granted(), 0.0, 1
     refreshed_s = -math.inf
     for gap_s, refresh in zip(gaps_s, refreshes, strict=False):
@@ -102,7 +102,7 @@ def test_a_set_point_moves_the_robot_for_no_longer_than_its_time_out(
 
 @given(st.lists(st.floats(0.0005, 0.05), min_size=1, max_size=200))
 def test_the_caller_cannot_flood_the_robot(gaps_s: list[float]) -> None:
-    """However often the set-point is refreshed: at most 100 a second, and what is due between."""
+    """For any refresh rate, at most 100 commands per second, plus the periodic ones."""
     protocol, now_s, refreshed_s, sent_s = granted(), 0.0, -math.inf, -math.inf
     for gap_s in gaps_s:
         now_s += gap_s
@@ -116,7 +116,7 @@ def test_the_caller_cannot_flood_the_robot(gaps_s: list[float]) -> None:
 
 
 def test_a_refresh_at_50_hz_goes_out_at_once() -> None:
-    """Also when the library has repeated the last set-point a moment before."""
+    """Even if the library repeated the last setpoint a moment before."""
     protocol = granted()
     for tick in range(1, 50):
         now_s = 0.021 * tick

@@ -1,4 +1,4 @@
-"""One call releases a latched robot, and each error of the client names the call that helps."""
+"""One call releases a latched robot, and each client error names the call that helps."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def test_a_reset_takes_control_from_nobody_and_changes_no_robot_that_is_not_latc
 
 
 def raised() -> Iterator[str]:
-    """Yield the code of each client error that is made; * marks a mode."""
+    """Yield the code of each client error raised in the sources, with * for a mode."""
     names = {each.__name__ for each in (ClientError, *subclasses(ClientError))}
     for file in FILES:
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
@@ -102,7 +102,7 @@ def codes_of(call: ast.Call) -> Iterator[str]:
         yield from own[name]
     elif isinstance(code := call.args[1], ast.Constant):
         yield str(code.value)
-    else:  # `robot_` and the mode, or what the caller names.
+    else:  # `robot_` plus the mode, or a code from the caller.
         yield from (f"robot_{mode}" for mode in ("stopped", "fault", "disarmed", "arming"))
         yield from ("not_ready", "stopped_by_itself")
 

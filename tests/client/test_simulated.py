@@ -1,8 +1,9 @@
-"""The client over a robot in virtual time: the controller is the real one, no time passes."""
+"""The client with a robot in virtual time and the real controller."""
 
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from tsd_twin import (
     ControlDenied,
     ControlLost,
     RequestRefused,
+    RobotState,
     RobotStopped,
     SimulatedRobot,
 )
@@ -40,6 +42,33 @@ def test_every_robot_on_a_floor_goes_where_it_is_sent(name: str) -> None:
         assert math.dist((x_m, y_m), (0.4, -0.3)) < 0.05
         assert heading_rad == pytest.approx(1.0, abs=0.1)
         assert robot.state.mode == "ready"
+
+
+def _publish_pose(robot: SimulatedRobot, random: np.random.Generator, state: RobotState) -> None:
+    x_m, y_m, heading_rad = state.truth.pose + 0.005 * random.standard_normal(3)
+    robot.publish_pose(x_m, y_m, heading_rad)
+
+
+def _misses_m(*, camera: bool) -> list[float]:
+    """Return the true distances from the goals for robots with errors."""
+    misses_m: list[float] = []
+    for seed in range(2):
+        robot = SimulatedRobot("tsd", seed=seed, noise=1.0, errors=1.0)
+        with robot, robot.control("script") as base:
+            if camera:
+                robot.on_state(partial(_publish_pose, robot, np.random.default_rng(seed)))
+            for goal in [(1.5, 0.0), (0.5, 1.0)]:
+                base.go_to(x_m=goal[0], y_m=goal[1])
+                pose = robot.state.odom.pose
+                assert math.dist((pose.x_m, pose.y_m), goal) < 0.05
+                misses_m.append(math.dist(robot.state.truth.pose[:2], goal))
+    return misses_m
+
+
+def test_go_to_arrives_in_truth_with_a_pose_sensor() -> None:
+    watched_m, blind_m = _misses_m(camera=True), _misses_m(camera=False)
+    assert max(watched_m) < 0.05
+    assert np.median(watched_m) < 0.3 * np.median(blind_m)
 
 
 def test_a_loop_that_drives_ends_at_rest_however_it_is_left() -> None:

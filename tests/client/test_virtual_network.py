@@ -1,4 +1,4 @@
-"""A robot in virtual time behind a bad link: what is sent arrives later, and arming still works."""
+"""A robot in virtual time behind a bad link: messages arrive late, and arming still works."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def ready(network: LinkSpec) -> tuple[SimulationLink, ControlProtocol]:
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("jitter_s", [0.0, 0.05, 0.15])
 def test_arming_succeeds_however_late_statuses_are(jitter_s: float, seed: int) -> None:
-    """Those that were sent before the answer to arming show a robot that is not armed."""
+    """Statuses sent before the reply to arming show a disarmed robot."""
     _, protocol = ready(LinkSpec(delay_s=0.1, jitter_s=jitter_s, loss=0.02, seed=seed))
     assert protocol.mode is Mode.READY
 

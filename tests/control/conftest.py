@@ -8,11 +8,11 @@ from tsd_twin.simulation import SimRobot
 
 @pytest.fixture
 def rig() -> ControllerHarness:
-    """A robot whose joints do at once what they are told."""
+    """A robot whose joints reach their setpoints at once."""
     return ControllerHarness()
 
 
 @pytest.fixture
 def sim_rig() -> ControllerHarness:
-    """A robot with servos, motors and wheels as described, without noise."""
+    """A robot with servo, motor and wheel models as described, without noise."""
     return ControllerHarness(SimRobot(ROBOT))

@@ -1,4 +1,4 @@
-"""A low battery slows the robot down, under every operator and command."""
+"""A low battery limits the speed for every operator and command."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ BATTERY, LIMITS = ROBOT.battery, ROBOT.limits
 LOW_MPS = BATTERY.low_speed_share * LIMITS.speed_mps
 LOW_RAD_PER_S = BATTERY.low_speed_share * LIMITS.turn_rate_rad_per_s
 LOW_S = 1.0
-"""Time for which a voltage has to be low."""
+"""Time after which a low voltage takes effect."""
 
 
 class Watched(ControllerHarness):
-    """Harness that compares every period with what the voltages alone allow."""
+    """Compares every period with a speed limit computed from the voltages alone."""
 
     volts: float | None = None
     slow = False
@@ -31,7 +31,7 @@ class Watched(ControllerHarness):
     slow_periods = fast_periods = 0
 
     def tick(self, dt_s: float = PERIOD_S) -> None:
-        """Run one period, and check it."""
+        """Run and check one period."""
         self.battery_v = self.volts
         before = self.twist.copy()
         super().tick(dt_s)

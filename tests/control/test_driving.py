@@ -1,4 +1,4 @@
-"""Named scenarios: what an operator asks for is what the robot does."""
+"""Named scenarios: the robot drives as commanded."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tsd_twin.lie import Array
 from tsd_twin.messages.modes import Mode
 
 SETTLE_S = 1.0
-"""More than the limiter takes to any of these twists."""
+"""Longer than the limiter takes to reach any of these twists."""
 SCENARIOS = {
     "straight": (0.5, 0.0, 0.0),
     "backwards": (-0.5, 0.0, 0.0),
@@ -24,14 +24,14 @@ SCENARIOS = {
 
 
 def moved(before: Array, after: Array) -> Array:
-    """How far it went in the axes it had before."""
+    """Displacement in the axes of the earlier pose."""
     c, s = np.cos(before[2]), np.sin(before[2])
     dx, dy, turn = after - before
     return np.array([c * dx + s * dy, -s * dx + c * dy, turn])
 
 
 def arc(twist: tuple[float, float, float], seconds: float) -> Array:
-    """Where a constant twist leads, by small chords."""
+    """Integrate a constant twist by small chords."""
     vx, vy, omega = twist
     times = (np.arange(20_000) + 0.5) * seconds / 20_000
     velocity = (vx + 1j * vy) * np.exp(1j * omega * times)
@@ -48,7 +48,7 @@ def test_perfect_joints_drive_exactly_what_is_asked(
     np.testing.assert_array_equal(rig.twist, twist)
     before = rig.pose
     rig.drive(pilot, twist, 2.0)
-    # After arming the modelled wheels are within a millionth of their speed.
+    # After arming, the modelled wheels are within a millionth of their speed.
     np.testing.assert_allclose(moved(before, rig.pose), arc(twist, 2.0), atol=1e-4)
 
 
@@ -56,7 +56,7 @@ def test_perfect_joints_drive_exactly_what_is_asked(
 def test_a_simulated_robot_drives_what_is_asked_and_knows_where_it_is(
     sim_rig: ControllerHarness, twist: tuple[float, float, float]
 ) -> None:
-    """Within one servo step, 16 mm/s at this gear, and what three of them make of turning."""
+    """Within one servo step, 16 mm/s at this wheel speed, and the turn rate of three steps."""
     pilot = sim_rig.get_ready()
     sim_rig.drive(pilot, twist, SETTLE_S)
     true_before, before = sim_rig.truth(), sim_rig.pose
@@ -92,7 +92,7 @@ def test_a_command_in_the_axes_of_the_world_goes_straight_while_turning(
     track = np.array(track)
     assert track[-1, 2] - track[0, 2] == pytest.approx(2.0 * 2.9, rel=0.05)
     assert track[-1, 0] - track[0, 0] == pytest.approx(0.5 * 2.9, rel=0.05)
-    # Servos lag by 1/32 s, in which the robot turns by 0.06 rad: the line is a little askew.
+    # Servos lag by 1/32 s, in which the robot turns by 0.06 rad, so the line is slightly tilted.
     slope = (track[-1, 1] - track[0, 1]) / (track[-1, 0] - track[0, 0])
     line = track[0, 1] + slope * (track[:, 0] - track[0, 0])
     assert abs(slope) < 2.0 * (1 / 32 + 0.02)
@@ -121,7 +121,7 @@ def test_a_saturated_command_keeps_its_direction_and_curvature(
 def test_the_largest_numbers_there_are_do_no_harm(
     rig: ControllerHarness, size: float, heading: float
 ) -> None:
-    """Turned into the robot's axes, two of them would add up to more than a number can hold."""
+    """Rotated into robot axes, the sum of two components would overflow."""
     pilot = rig.get_ready()
     rig.place(0.0, 0.0, heading, pilot=pilot)
     rig.drive(pilot, (size, size, 0.0), 1.0, frame="odom")

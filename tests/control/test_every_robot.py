@@ -1,4 +1,4 @@
-"""Robots of every kind under the same core: armed, driven, stopped, and set where they are."""
+"""Robots of every kind with the same controller: arm, drive, stop and set the pose."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tsd_twin.simulation import SimRobot
 
 every_robot = pytest.mark.parametrize("name", robots.robot_names())
 STANDING = ("atlas", "kiwi", "mecanum", "omni4")
-"""Robots whose wheels stand when they do."""
+"""Robots whose wheels stop with the robot."""
 GENTLE = np.array([0.3, -0.2, 0.4])
 
 
@@ -38,13 +38,13 @@ def estimated(rig: ControllerHarness) -> SE2 | SO3:
 
 
 def apart(a: SE2 | SO3, b: SE2 | SO3) -> Array:
-    """What is between two poses, metres and radians."""
+    """Pose difference, in m and rad."""
     return (a.inverse() @ b).log()  # pyright: ignore[reportOperatorIssue]
 
 
 @every_robot
 def test_it_is_driven_as_asked_and_knows_where_it_is(name: str) -> None:
-    """After two seconds the twist is what was asked, and the estimate is where the robot is."""
+    """After 2 s, the twist matches the command and the estimate matches the true pose."""
     rig = simulated(name)
     pilot = rig.get_ready()
     rig.drive(pilot, GENTLE, 2.0)
@@ -67,7 +67,7 @@ def test_perfect_joints_move_it_by_the_twist(name: str) -> None:
 
 
 def estimated_plain(rig: ControllerHarness) -> SE2 | SO3:
-    """The estimate by ideal kinematics, of which perfect joints are the whole truth."""
+    """Wheel odometry, which is exact for ideal joints."""
     message = rig.controller.alternative_odometry(0) or rig.controller.odometry(0)
     return SE2(message.xy_heading) if message.wxyz is None else SO3(message.wxyz)
 
@@ -88,7 +88,7 @@ def test_a_stop_latches_and_brings_it_to_rest(name: str) -> None:
 
 @every_robot
 def test_without_commands_it_stops_by_itself_within_what_its_limits_give(name: str) -> None:
-    """Timeout times speed, braking, and what actuators lag; of a sphere, its top."""
+    """Bound: timeout times speed, braking and actuator lag; measured at the top of a sphere."""
     rig = simulated(name)
     limits, twist_scale_m = rig.controller.robot.limits, rig.controller.kinematics.twist_scale_m
     pilot = rig.get_ready()
@@ -118,7 +118,7 @@ def test_wheels_that_stand_at_rest_are_armed_at_once_and_stand_until_driven(name
 
 @pytest.mark.parametrize("name", STANDING)
 def test_wheels_that_turn_already_are_not_armed(name: str) -> None:
-    """Somebody pushes it, or a controller runs away."""
+    """The wheels turn because the robot is pushed or a motor controller fails."""
     rig = ControllerHarness(robot=robots.load_robot(name))
     pilot = rig.acquire()
     joints = np.full(len(rig.setpoint), 5.0)
@@ -136,7 +136,7 @@ def test_wheels_that_turn_already_are_not_armed(name: str) -> None:
 @pytest.mark.parametrize("name", STANDING)
 @pytest.mark.parametrize("number", [np.nan, np.inf])
 def test_a_wheel_that_measures_no_number_counts_as_not_measured(name: str, number: float) -> None:
-    """Where wheels have encoders, a robot that does not know its wheels must not drive."""
+    """A robot with encoders must not drive if the wheel speeds are unknown."""
     rig = ControllerHarness(robot=robots.load_robot(name))
     rig.get_ready()
     joints = np.zeros(len(rig.setpoint))
@@ -181,7 +181,7 @@ def test_omni4_shows_its_dead_wheels_and_gyro_with_the_joints() -> None:
 
 @pytest.mark.parametrize("connected", [True, False])
 def test_a_singularity_robot_shows_its_gyro_with_the_joints(*, connected: bool) -> None:
-    """Hardware may leave out what it does not measure: that is NaN."""
+    """Hardware may omit quantities it does not measure; they become NaN."""
     robot = robots.parse_description(robots.read_description("tsd") + "\n[gyro]\n", "my.toml")
     rig = ControllerHarness(SimRobot(robot) if connected else None, robot=robot)
     pilot = rig.get_ready()
@@ -199,7 +199,7 @@ def test_a_singularity_robot_shows_its_gyro_with_the_joints(*, connected: bool) 
 
 
 def test_the_axes_of_a_sphere_are_those_of_its_base_in_either_frame() -> None:
-    """The base stands in the world, however the sphere is turned."""
+    """The base frame is fixed in the world, whatever the sphere's orientation."""
     for frame in ("base_link", "odom"):
         rig = simulated("atlas")
         pilot = rig.get_ready()
@@ -234,7 +234,7 @@ def test_what_is_no_orientation_is_refused(bad: str) -> None:
 
 
 def test_limits_hold_for_the_top_of_a_sphere() -> None:
-    """0.45 m/s at a radius of 0.15 m are 3 rad/s; about the vertical it is the turn rate."""
+    """0.45 m/s at 0.15 m radius are 3 rad/s; about the vertical, the turn rate limit holds."""
     rig = simulated("atlas")
     pilot = rig.get_ready()
     rig.drive(pilot, (30.0, 40.0, 0.0), 2.0)

@@ -1,4 +1,4 @@
-"""Driving over a far link: it goes on, and when the link is gone the robot stands in time."""
+"""Driving over a slow link continues through gaps; after link loss the robot stops in time."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import pytest
 from tests.support.controller_harness import ControllerHarness, HarnessOperator
 from tsd_twin.link_emulation import LinkSpec
 from tsd_twin.link_emulation.link import LinkModel
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.modes import Mode
+from tsd_twin.messages.topics import Sample
 
 SIZE_BYTES = 150
 
 
 class Far:
-    """A rig with an operator at the far end of a link that loses single packets."""
+    """Harness with an operator behind a slow link that loses single packets."""
 
     def __init__(
         self, rig: ControllerHarness, pilot: HarnessOperator, spec: str, seed: int
@@ -33,7 +33,7 @@ class Far:
         self._ticks = itertools.count()
 
     def hold(self, vx: float, seconds: float) -> None:
-        """Hold the stick, and let the link take both ways as long as it likes."""
+        """Hold the stick over a link that may delay both directions."""
         rig = self.rig
         for _ in range(round(seconds / 0.01)):
             if rig.status_seq != self._sent:
@@ -47,7 +47,7 @@ class Far:
             self._tick()
 
     def lose_the_link(self, seconds: float) -> None:
-        """Nothing enters it any more; what is on its way still arrives."""
+        """Drop all further packets; those in flight still arrive."""
         for _ in range(round(seconds / 0.01)):
             self._tick()
 
@@ -76,7 +76,7 @@ def test_over_a_far_and_lossy_link_somebody_drives_ten_seconds_without_a_break(s
 
 
 def test_a_gap_as_long_as_the_lease_allows_is_bridged_and_no_longer(rig: ControllerHarness) -> None:
-    """Commands under a lease of 1 s stand until 1 s after the status that they echo was sent."""
+    """Under a lease of 1 s, commands are valid until 1 s after the echoed status was sent."""
     pilot = rig.get_ready(max_age_s=1.0)
     rig.drive(pilot, (1.0, 0.0, 0.0), 1.0)
     sent_s = rig.status_sent_s[rig.status_seq]

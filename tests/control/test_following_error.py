@@ -1,4 +1,4 @@
-"""A gimbal that sticks is a fault within a second or so; one that is late or slow is none."""
+"""A stuck gimbal is a fault within about 1 s; a delayed or slow one is not."""
 
 from __future__ import annotations
 

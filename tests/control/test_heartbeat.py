@@ -1,4 +1,4 @@
-"""What feeds a board with a timeout: words of an operator, not the loop being alive."""
+"""Operator activity feeds the timeout of a board; a running control loop alone does not."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def words(rig: ControllerHarness) -> int:
 
 
 def longest_silence_s(rig: ControllerHarness, seconds: float) -> float:
-    """Return the longest time, of some seconds, in which the words stayed the same."""
+    """Return the longest time without a heartbeat change while the harness runs."""
     longest = silent = 0.0
     before = words(rig)
     for _ in range(round(seconds / PERIOD_S)):
@@ -32,7 +32,7 @@ def longest_silence_s(rig: ControllerHarness, seconds: float) -> float:
 
 
 def mode_of(rig: ControllerHarness) -> Mode:
-    """Return the mode in a way that no type checker remembers."""
+    """Return the mode without narrowing its type for the type checker."""
     return cast(Mode, rig.controller.supervisor.mode)
 
 

@@ -1,4 +1,4 @@
-"""Hot servos slow the robot down, under every operator and command."""
+"""Hot servos limit the speed for every operator and command."""
 
 from __future__ import annotations
 

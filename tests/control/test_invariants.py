@@ -1,7 +1,8 @@
-"""Whatever operators, links and joints do, and in whatever order: what always holds."""
+"""Invariants under random actions of operators, links and joints."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -16,13 +17,90 @@ from hypothesis.stateful import (
 )
 
 from tests.support.controller_harness import ControllerHarness, HarnessOperator
+from tests.support.invariants import LoopInvariants
 from tests.support.reference_model import CommandReference
-from tests.support.state_machine import LoopStateMachine
 from tsd_twin import robots
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.modes import Mode
-from tsd_twin.messages.topics import Service
+from tsd_twin.messages.topics import Sample, Service
 from tsd_twin.simulation import SimRobot
+
+
+class LoopStateMachine(LoopInvariants):
+    """Sends commands to the robot and the reference model, and checks the invariants each step."""
+
+    pilots: dict[str, HarnessOperator]
+    """The latest lease of each operator."""
+    letters: list[dict[str, Any]]
+    """Commands in transit to the robot, as the reference model holds them."""
+    old: list[tuple[Sample, dict[str, Any]]]
+    """Sent commands, to be repeated."""
+    seen: Mode = Mode.DISARMED
+    """Mode after the last step."""
+
+    def any_pilot(self, data: st.DataObject) -> HarnessOperator:
+        return self.pilots[data.draw(st.sampled_from(sorted(self.pilots)))]
+
+    def lease_of(self, name: str) -> str:
+        return self.pilots[name].lease if name in self.pilots else "00" * 16
+
+    def holds(self, name: str) -> bool:
+        return self.referee.holds(name, self.lease_of(name), self.rig.now_s)
+
+    def holds_the_stick(
+        self, name: str, twist: tuple[float, ...], seconds: float, frame: str
+    ) -> None:
+        for i in range(round(seconds / 0.01)):
+            if i % 2 == 0:
+                self.send(name, twist, frame)
+            self.tick()
+
+    def send(self, name: str, twist: tuple[float, ...], frame: str, lease: str = "") -> None:
+        rig, pilot = self.rig, self.pilots[name]
+        lease = lease or pilot.lease
+        seq = next(pilot.numbers)
+        letter = {
+            "sound": True,
+            "name": name,
+            "lease": lease,
+            "seq": seq,
+            "status_seq": rig.status_seq,
+            "twist": twist,
+        }
+        self.post(rig.sample(pilot, twist, frame, seq=seq, lease=lease), letter)
+
+    def post(self, sample: Sample, letter: dict[str, Any], keep: bool = True) -> None:
+        self.rig.inbox.append(sample)
+        self.letters.append(letter)
+        if keep:
+            self.old = [*self.old[-300:], (sample, letter)]
+
+    def tick(self, dt_s: float = 0.01) -> None:
+        """Run one step of the loop, compared with the reference model and the invariants."""
+        before, letters, self.letters = self.rig.twist, self.letters, []
+        sent_s = dict(self.rig.status_sent_s)
+        self.rig.tick(dt_s)
+        counted = self.referee.counted
+        pushed_s = self.referee.pushed_s
+        for letter in letters:
+            status_sent_s = sent_s.get(letter["status_seq"], -math.inf)
+            self.referee.judge(letter, self.rig.now_s, status_sent_s)
+        if self.rig.mode in (Mode.STOPPED, Mode.FAULT):
+            self.since_stop = []
+        elif self.rig.mode is Mode.DISARMED:
+            self.since_stop = ["reset"]
+        elif self.referee.counted > counted and self.referee.pushed_s > pushed_s:
+            self.since_stop.append("push")
+        self.note_mode()
+        self.hold(before, dt_s)
+
+    def note_mode(self) -> None:
+        """Report changes of the mode to the reference model."""
+        mode, before = self.rig.mode, self.seen
+        goes_on = mode is Mode.DRIVING or (mode is Mode.READY and before is not Mode.ARMING)
+        if mode is not before and not goes_on:
+            self.referee.note_interruption(self.rig.now_s)
+        self.seen = mode
+
 
 NAMES = ("alice", "bob", "carol")
 operators = st.sampled_from(NAMES)
@@ -33,7 +111,7 @@ seconds = st.sampled_from([0.02, 0.1, 0.3, 0.7])
 
 
 class Driving(LoopStateMachine, RuleBasedStateMachine):
-    """Two or three operators, one robot, a bad link, and joints that are not always measured."""
+    """Operators, a robot, an unreliable link, and joints that are sometimes not measured."""
 
     @initialize(
         name=st.sampled_from(["tsd", "tsd", "omni4", "atlas"]),
@@ -49,12 +127,12 @@ class Driving(LoopStateMachine, RuleBasedStateMachine):
         self.leases = ["ab" * 16]
         self.letters: list[dict[str, Any]] = []
         self.old: list[tuple[Sample, dict[str, Any]]] = []
-        self.since_stop: list[str] = ["reset"]  # Fresh from the box it needs no reset.
+        self.since_stop: list[str] = ["reset"]  # A new robot needs no reset.
         if ready:
             self.does_all_to_drive("alice")
             assert self.rig.mode is Mode.READY
 
-    # What operators do.
+    # Actions of operators.
 
     @rule(name=operators, take_over=st.booleans(), max_age_s=st.sampled_from([None, 0.5, 9.0]))
     def takes_control(self, name: str, take_over: bool, max_age_s: float | None) -> None:
@@ -141,7 +219,7 @@ class Driving(LoopStateMachine, RuleBasedStateMachine):
                 assert self.rig.mode in (Mode.STOPPING, Mode.FAULT), "a grant stops the robot"
 
     def everything(self) -> tuple[Any, ...]:
-        """What moves the robot, and who may."""
+        """State that determines motion and control."""
         supervisor, now_s = self.rig.controller.supervisor, self.rig.now_s
         lease = supervisor.lease_in_force(now_s)
         holder = lease and (lease.holder, lease.id, lease.expires_s, lease.max_age_s)
@@ -234,7 +312,7 @@ class Driving(LoopStateMachine, RuleBasedStateMachine):
         self.arms(name)
         self.holds_the_stick(name, (0.0, 0.0, 0.0), 2.8, "base_link")
 
-    # What a link does.
+    # Effects of the link.
 
     @precondition(lambda self: self.pilots)
     @rule(
@@ -277,7 +355,7 @@ class Driving(LoopStateMachine, RuleBasedStateMachine):
     def somebody_drives_with_a_lease_that_is_not_theirs(
         self, data: st.DataObject, name: str, stolen: bool
     ) -> None:
-        """The holder's name with another id, and the holder's id with another name."""
+        """Use the holder's name with another id, and the holder's id with another name."""
         holder = self.referee.holder or name
         lease = self.referee.lease if stolen else data.draw(st.sampled_from(self.leases))
         self.pilots.setdefault(name, self.rig.pilot(name, "00" * 16))
@@ -292,7 +370,7 @@ class Driving(LoopStateMachine, RuleBasedStateMachine):
             self.post(sample, letter, keep=False)
         self.tick()
 
-    # What time and joints do.
+    # Time and joint measurements.
 
     @rule(seconds=st.sampled_from([0.01, 0.05, 0.2, 0.6, 2.5]))
     def time_passes(self, seconds: float) -> None:
@@ -322,7 +400,7 @@ def test_the_laws_hold_whatever_happens_in_whatever_order() -> None:
             max_examples=30,
             stateful_step_count=30,
             deadline=None,
-            phases=[Phase.reuse, Phase.generate],  # To shrink such a script takes minutes.
+            phases=[Phase.reuse, Phase.generate],  # Shrinking such a script takes minutes.
             suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
         ),
     )

@@ -1,4 +1,4 @@
-"""A control loop that paused blames its computer, not joints or operators; the rules stay."""
+"""A paused control loop is blamed on its computer, not on joints or operators."""
 
 from __future__ import annotations
 

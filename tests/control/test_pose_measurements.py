@@ -1,4 +1,4 @@
-"""Poses from outside, on `sensor/pose`: they tell where a robot is, and do nothing else."""
+"""Pose measurements on `sensor/pose` correct the pose and have no other effect."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from tests.support.controller_harness import PERIOD_S, ROBOT, ControllerHarness
 from tsd_twin import robots
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.cdr import BASE, ODOM
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.pose import PoseStamped, encode_pose
 from tsd_twin.messages.status import PoseSensorDrops
+from tsd_twin.messages.topics import Sample
 from tsd_twin.robots import RobotDescription
 from tsd_twin.sensors.pose import Camera, CameraNoise
 from tsd_twin.simulation import SimRobot
 
 KEY = "twin/tsd/sensor/pose"
 WALL_NS = 1_700_000_000_000_000_000
-"""What the wall clock of a robot shows when its monotonic clock shows zero."""
+"""Wall-clock time of a robot at monotonic time zero."""
 
 
 def wall_ns(now_s: float) -> int:
@@ -52,7 +52,7 @@ def dropped(rig: ControllerHarness) -> dict[str, int]:
 
 
 def watch(rig: ControllerHarness, camera: Camera, waiting: deque[Sample]) -> None:
-    """Let a camera look, and the robot hear of what it has seen by now."""
+    """Deliver the pending frames of a camera to the robot."""
     for frame in camera.capture(rig.now_s, SE2(rig.truth())):
         waiting.append(sample(frame.pose, frame.taken_s))
     send(rig, *waiting)
@@ -137,7 +137,7 @@ def test_of_a_flood_each_is_used_or_counted_and_the_rest_of_the_second_is_served
 @given(twice=st.lists(st.booleans(), min_size=20, max_size=60))
 @settings(max_examples=10, deadline=None)
 def test_what_is_said_twice_is_believed_once(twice: list[bool]) -> None:
-    """A camera whose messages are doubled on the way is no better one."""
+    """Duplicated messages add no information."""
     once, doubled = ControllerHarness(), ControllerHarness()
     for rig in (once, doubled):
         rig.wait(1.0)
@@ -157,18 +157,18 @@ def test_what_is_said_twice_is_believed_once(twice: list[bool]) -> None:
     assert dropped(doubled) == ({"old": sum(twice)} if any(twice) else {})
 
 
-# What must never happen.
+# Invariants.
 
 
 @pytest.mark.parametrize("frame", [BASE, ODOM])
 @given(seed=st.integers(0, 99))
 @settings(max_examples=8, deadline=None)
 def test_a_pose_neither_moves_the_robot_nor_changes_what_it_may(frame: str, seed: int) -> None:
-    """A robot that is sent anything beside one that is sent nothing: what they do is the same."""
+    """Compare a robot that receives arbitrary poses with one that receives none."""
     random = np.random.default_rng(seed)
     sent, alone = ControllerHarness(), ControllerHarness()
     pilots = [rig.get_ready() for rig in (sent, alone)]
-    # In the axes of the world the heading counts: there, only what is refused is harmless.
+    # Commands in `odom` axes depend on the heading, so send only poses that are rejected there.
     near = 0.01 if frame == BASE else 50.0
     for i in range(120):
         pose = random.normal(size=3) * [near, near, 0.0] + sent.pose
@@ -232,7 +232,7 @@ WITH_GYRO = robots.parse_description(robots.read_description("tsd") + "\n[gyro]\
     ids=["tsd", "omni4", "mecanum", "gyro"],
 )
 def test_what_wheels_get_wrong_a_camera_puts_right(robot: RobotDescription) -> None:
-    """Wheels with ten times the errors of the description, half a minute of circles."""
+    """Wheels have ten times the described errors; the robot drives circles for 30 s."""
     # The bus of a robot simulated without errors has no delay.
     exact = robot.with_delay(0.0)
     rig = ControllerHarness(SimRobot(exact, seed=3, noise=10.0), robot=exact)

@@ -1,4 +1,4 @@
-"""Every reason that random operators get from a robot is one of the table."""
+"""Every refusal that random operators get from a robot is in the table of codes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the status says of requests, against what the services answer at that moment."""
+"""Refusals in the status agree with service replies at the same time."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ HOLDER_SERVICES = {
 
 
 class RandomOperators:
-    """A robot, and operators who request at random."""
+    """A robot with operators who send random requests."""
 
     def __init__(self, name: str, seed: int) -> None:
         self.rig = ControllerHarness(robot=robots.load_robot(name))
@@ -43,7 +43,7 @@ class RandomOperators:
         self.done: list[str] = []
 
     def act(self) -> None:
-        """Do one thing that changes what is accepted."""
+        """Take one random action that changes the refusals."""
         rule = self.random.choices(
             (
                 self.requests_lease,
@@ -110,7 +110,7 @@ class RandomOperators:
         return name
 
     def is_silent_while_driving(self) -> str:
-        """Drive until the robot begins to stop by itself; at times another operator takes over."""
+        """Drive until the robot starts an automatic stop; sometimes another operator takes over."""
         if self.rig.mode is not Mode.READY:
             self.gets_ready()
         lease = self.rig.controller.supervisor.lease_in_force(self.rig.now_s)
@@ -137,7 +137,7 @@ class RandomOperators:
         return f"and measured again: {self.rig.measures}"
 
     def fields(self, key: str) -> dict[str, Any]:
-        """Fields of a request that is refused by the state of the robot only."""
+        """Request fields that only the state of the robot can make invalid."""
         if key == "speed":
             speed = self.rig.status().wheel_speed
             return {"cruise_speed_rpm": speed.requested_rpm if speed else 1000.0}
@@ -145,14 +145,14 @@ class RandomOperators:
             return {"x_m": 1.0, "y_m": 2.0, "heading_rad": 0.5}
         return {}
 
-    # What the robot answers now. What it accepts is requested from a copy of it.
+    # Ask the robot itself for expected refusals, and a copy for expected successes.
 
     def copied(self) -> ControllerHarness:
         robot = self.rig.controller.robot
         return copy.deepcopy(self.rig, {id(robot): robot})
 
     def answer(self, said: Reason | None, service: Service, **fields: Any) -> Reason | None:
-        """Return the refusal of a request, None when it is accepted; `said` is in the status."""
+        """Return the refusal of a request, or None if accepted; `said` comes from the status."""
         rig = self.copied() if said is None else self.rig
         reply = rig.ask(service, **fields)
         accepted = reply.granted if isinstance(reply, LeaseReply) else reply.ok

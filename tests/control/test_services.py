@@ -1,4 +1,4 @@
-"""What the robot answers, and what it says about itself."""
+"""Service replies and status of the controller."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def test_a_pose_that_is_no_number_is_refused(rig: ControllerHarness) -> None:
     np.testing.assert_array_equal(rig.pose, 0.0)
 
 
-# What it says about itself.
+# Status.
 
 
 def test_the_status_tells_who_drives_and_what_became_of_the_commands(
@@ -108,7 +108,7 @@ def test_the_status_tells_who_drives_and_what_became_of_the_commands(
     status = rig.status()
     assert status.mode == "driving"
     assert status.lease.holder == "alice"
-    # The last counted command came in four periods ago.
+    # The last accepted command arrived four periods ago.
     assert status.lease.remaining_s == pytest.approx(2.0 - 0.03)
     assert status.command.age_s == pytest.approx(0.03)
     assert status.command.accepted == accepted + 10
@@ -145,7 +145,7 @@ def test_joints_have_the_names_and_kinds_of_the_description(rig: ControllerHarne
             state.velocity_rad_per_s[rig.wheels], 2500 * np.pi / 30, rtol=1e-3
         )
         assert np.isfinite(state.position_rad[~rig.wheels]).all()
-    # The wheels come to speed still, by a share of a thousandth, and the gimbals go along.
+    # Wheels still settle by about 0.1 %, and the gimbals follow.
     np.testing.assert_allclose(
         rig.controller.joint_state(7).velocity_rad_per_s[~rig.wheels], 0.0, atol=1e-3
     )
@@ -153,7 +153,7 @@ def test_joints_have_the_names_and_kinds_of_the_description(rig: ControllerHarne
 
 @pytest.mark.parametrize("module", [1, 2, 3])
 def test_a_module_that_jams_is_named(sim_rig: ControllerHarness, module: int) -> None:
-    """Its gimbals stay where they are while the others take the robot along."""
+    """Its gimbals hold their angles while the other modules move the robot."""
     rig = sim_rig
     pilot = rig.get_ready()
     rig.drive(pilot, (0.8, 0.4, 0.0), 1.0)

@@ -1,4 +1,4 @@
-"""How far each shipped robot goes from full speed once the link is lost, in one way or both."""
+"""Stopping distance of each built-in robot from full speed after loss of one or both directions."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import pytest
 from tests.support.controller_harness import PERIOD_S, ControllerHarness, HarnessOperator
 from tsd_twin import robots
 from tsd_twin.lie import SE2, SO3
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.modes import Mode
+from tsd_twin.messages.topics import Sample
 from tsd_twin.simulation import SimRobot
 
 UP, DOWN = "up", "down"
 LOSSES = {"uplink, or both ways": {UP}, "downlink only": {DOWN}}
-"""Without an uplink nothing that arrives depends on the downlink: both ways lost are the same."""
+"""Without an uplink, the downlink has no effect, so losing both is the same case."""
 LONGER_AGES_S = (0.25, 0.5, 1.0)
 CASES = [
     (name, max_age_s)
@@ -25,24 +25,23 @@ CASES = [
     for max_age_s in (None, *LONGER_AGES_S)
     if max_age_s != robots.load_robot(name).limits.max_command_age_s
 ]
-"""Each robot with its own greatest age of a command, and with those that a lease asks for."""
+"""Each robot with its default maximum command age, and with longer ones requested by leases."""
 DELAY_SHARES = (0.0, 0.3)
-"""Of the age that a command may have, each way: a near link and a far one."""
+"""One-way delay as a fraction of the maximum command age: a fast and a slow link."""
 PHASES = 10
-"""Ticks in which a status (every 5th) and a command (every 2nd) take all their phases."""
+"""Number of ticks in which a status (every 5th) and a command (every 2nd) take all phases."""
 CRUISE_S = 2.0
 LONGEST_S = 4.0
 RESTS_S = 0.3
-"""Longer than anything is under way."""
+"""Longer than any message is in flight."""
 HASTE = 2.0
-"""How much more speed the operator asks for than the robot is allowed: its cap decides."""
+"""Factor of requested over allowed speed, so that the robot's limit applies."""
 
 
 class Far:
-    """An operator at the far end of a link with a constant delay, who never lets go of the stick.
+    """Operator behind a link with constant delay, who never releases the stick.
 
-    Like a client that goes on without looking at anything else, it sends every command with the
-    newest status that it has seen, however old that is.
+    As a careless client, it always sends the latest received status number, however old.
     """
 
     def __init__(
@@ -56,7 +55,7 @@ class Far:
         self._ticks = 0
 
     def tick(self) -> None:
-        """Let one period pass; what a lost way has taken before still arrives."""
+        """Run one period; packets sent before a loss still arrive."""
         rig = self.rig
         if rig.status_seq != self._heard:
             self._heard = rig.status_seq
@@ -86,11 +85,11 @@ class Far:
         return way_m
 
     def step_m(self, before: SE2 | SO3) -> float:
-        """Return how far it is from a pose; of a sphere, how far the top has moved."""
+        """Return the distance from a pose; for a sphere, the distance moved by the top."""
         after = pose(self.rig)
         if isinstance(before, SE2):
             moved = after.xy_heading - before.xy_heading
-        else:  # In the axes of the base, as its twist is.
+        else:  # In base axes, like the sphere's twist.
             moved = (after @ before.inverse()).log()  # pyright: ignore[reportOperatorIssue]
         return float(self.rig.controller.kinematics.twist_scale_m * np.hypot(moved[0], moved[1]))
 
@@ -118,7 +117,7 @@ def at_full_speed(name: str, max_age_s: float | None, delay_s: float) -> Far:
 def test_it_stands_within_its_allowance_whichever_way_of_the_link_is_lost(
     name: str, max_age_s: float | None
 ) -> None:
-    """From full speed under its lease, at the worst moment between two messages."""
+    """From full speed under the lease, at the worst message phase."""
     limits = robots.load_robot(name).limits
     allowed_m = limits.stop_allowance_m
     age_s = limits.max_command_age_s if max_age_s is None else max_age_s

@@ -1,4 +1,4 @@
-"""How the robot comes to rest, and that it stays there until somebody means it."""
+"""The robot stops, and remains at rest until a new deliberate command."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tsd_twin.messages.topics import Service
 
 
 def still(rig: ControllerHarness) -> bool:
-    """Nothing is asked of the joints: upright, and the wheels stand."""
+    """Check that gimbals are commanded upright and wheels to zero speed."""
     return not rig.setpoint.any() and not rig.twist.any()
 
 
@@ -41,7 +41,7 @@ def test_from_one_metre_a_second_it_stands_within_35_cm_of_the_last_command(
     assert sim_rig.mode is Mode.READY
     assert speeds[-1] < 1e-3
     assert 0.25 < travelled <= 0.35
-    assert speeds[15] > 0.95  # It was a gap in the commands, not a stop, up to 200 ms.
+    assert speeds[15] > 0.95  # A gap of up to 200 ms in the commands is not a stop.
 
 
 def test_the_software_stop_is_shorter_than_the_controlled_one(sim_rig: ControllerHarness) -> None:
@@ -51,7 +51,7 @@ def test_the_software_stop_is_shorter_than_the_controlled_one(sim_rig: Controlle
     sim_rig.tick()
     assert still(sim_rig)
     sim_rig.wait(1.0)
-    # Gimbals at servo speed: 5.5 degrees at an exponential approach of 32 a second.
+    # Gimbal servos limit the braking: 5.5° of tilt, approached exponentially at 32 /s.
     assert np.hypot(*(sim_rig.truth() - before)[:2]) < 0.06
     assert sim_rig.mode is Mode.STOPPED
 
@@ -95,7 +95,7 @@ def test_after_a_stop_nothing_moves_until_reset_and_arm_and_a_new_command(
     rig.tick()
     assert not rig.twist.any()
     rig.drive(pilot, (1.0, 0.0, 0.0), 0.02)
-    # The limiter starts from rest: no jump to the speed it had when it was stopped.
+    # The limiter starts from rest, without a jump to the speed before the stop.
     assert 0.0 < rig.twist[0] <= 2 * 0.04 + 1e-9
 
 
@@ -104,7 +104,7 @@ def test_after_a_stop_nothing_moves_until_reset_and_arm_and_a_new_command(
 def test_a_command_held_back_over_a_stop_and_the_next_arming_moves_nothing(
     name: str, end: str
 ) -> None:
-    """The lease allows an age of 1 s, and a robot without gimbals is armed again within that."""
+    """The lease allows an age of 1 s, and a robot without gimbals rearms within that."""
     rig = ControllerHarness(robot=robots.load_robot(name))
     pilot = rig.get_ready(max_age_s=1.0)
     rig.drive(pilot, (0.2, 0.0, 0.0), 0.5)

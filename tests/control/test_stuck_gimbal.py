@@ -1,4 +1,4 @@
-"""A gimbal that jams while the robot drives: named in the status within 0.2 s."""
+"""A gimbal that jams during driving is named in the status within 0.2 s."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tsd_twin.messages.codes import Code, because
 from tsd_twin.simulation import DegradedRobot, SimRobot, StuckJoint
 
 STATUS_S = 0.05
-"""A status goes out so often: it takes so much longer until it is seen."""
+"""Status period, which adds to the detection time."""
 
 
 @pytest.mark.parametrize("gimbal", [0, 1], ids=["alpha", "beta"])
@@ -19,7 +19,7 @@ STATUS_S = 0.05
 def test_one_jammed_gimbal_is_named_within_a_fifth_of_a_second(
     before_mps: float, module: int, gimbal: int
 ) -> None:
-    """From when it would have to move: one that need not move shows nothing, and does no harm."""
+    """Measured from when the gimbal would have to move; before that, the jam has no effect."""
     azimuth = np.radians([90.0, 210.0, 330.0][module - 1]) - (np.pi / 2 if gimbal == 0 else 0.0)
     way = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     before, after = before_mps * way, 0.8 * way

@@ -1,4 +1,4 @@
-"""The speed of the wheels, changed while the robot drives: the motion stays what it was."""
+"""Changing the wheel speed during driving does not change the motion."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from tsd_twin.simulation import SimRobot
 
 RPM = np.pi / 30.0
 LEAST, MOST, USUAL = 2000.0, 13409.0, 2500.0
-"""Where all motors of Table 1 of the thesis start, the slowest of its last row, and the file's."""
+"""Lowest and highest speed of all motors in Table 1 of the thesis, and the default."""
 MOST_AT_RATIO = 13603.0 / 1.5
-"""Of a drive whose first wheel turns at 1.5."""
+"""Maximum speed of a drive whose first wheel has a ratio of 1.5."""
 STEP_MPS_AT_1_RPM = 0.04 * RPM * 2.0 * np.pi / 4096
 
 speeds = st.floats(LEAST, MOST) | st.sampled_from([LEAST, MOST, USUAL])
@@ -37,7 +37,7 @@ def truth(rig: ControllerHarness) -> Array:
 
 
 def spins(rig: ControllerHarness) -> Array:
-    """True speeds of the wheels, rpm."""
+    """True wheel speeds, rpm."""
     assert rig.simulated is not None
     return rig.simulated.truth(rig.now_s).joints[rig.wheels] / RPM
 
@@ -52,7 +52,7 @@ def spins(rig: ControllerHarness) -> Array:
 def test_the_motion_stays_what_it_was_while_the_wheels_change_speed(
     way: tuple[float, float, float], speed: float, chosen: list[float], held_s: float
 ) -> None:
-    """Whatever is driven and chosen, also before the last change is over: 2 % and a step."""
+    """For any twist and choice, also during an earlier change: within 2 % and one servo step."""
     wanted = np.array(way) + 1e-3
     wanted *= speed / max(np.hypot(*wanted[:2]), abs(wanted[2]) / 3.0, 1e-9)
     rig = ControllerHarness(SimRobot(ROBOT))
@@ -64,7 +64,7 @@ def test_the_motion_stays_what_it_was_while_the_wheels_change_speed(
         for _ in range(round(held_s / 0.02)):
             rig.drive(pilot, wanted, 0.02)
             np.testing.assert_allclose(rig.controller.twist, asked, rtol=1e-9)
-            # Each servo is off by up to half a step, and the pivots are 0.15 m from the middle.
+            # Each servo is off by up to half a step, and pivots are 0.15 m from the centre.
             step = STEP_MPS_AT_1_RPM * spins(rig).max()
             off = truth(rig) - asked
             assert np.hypot(*off[:2]) <= 0.02 * np.hypot(*asked[:2]) + step
@@ -95,7 +95,7 @@ def test_the_wheels_come_to_the_speed_that_was_chosen_and_show_it(rpm: float) ->
 
 
 def test_too_slow_for_the_command_it_is_scaled_as_a_whole_and_no_gimbal_goes_too_far() -> None:
-    """A robot that may drive at 6 m/s, and wheels that give it 4.2 at 30 degrees."""
+    """A robot may drive at 6 m/s, but its wheels reach only 4.2 m/s at 30° tilt."""
     text = robots.read_description("tsd").replace("speed_mps = 1.0", "speed_mps = 6.0")
     text = text.replace("stop_allowance_m = 0.35", "stop_allowance_m = 5.0")
     robot = robots.parse_description(text, "fast")
@@ -112,7 +112,7 @@ def test_too_slow_for_the_command_it_is_scaled_as_a_whole_and_no_gimbal_goes_too
         joints = rig.setpoint.reshape(-1, 3)
         leaning = np.arccos(np.cos(joints[:, 0]) * np.cos(joints[:, 1]))
         assert leaning.max() <= np.radians(30.0) + 1e-9
-        # The same direction, and no harder braking than the limits have.
+        # Same direction, and braking within the limits.
         assert abs(rig.twist[0] * way[1] - rig.twist[1] * way[0]) < 1e-6
         assert np.hypot(*(rig.twist - before)[:2]) <= 6.0 * 0.02 * (1 + 1e-9)
     top = 0.04 * LEAST * RPM * 0.5
@@ -124,7 +124,7 @@ def test_too_slow_for_the_command_it_is_scaled_as_a_whole_and_no_gimbal_goes_too
 def test_wheels_that_slow_down_faster_than_it_may_do_not_bend_its_way(
     way: tuple[float, float, float],
 ) -> None:
-    """A robot that turns fast and may change that slowly only: what is told is what is done."""
+    """A robot that turns fast but accelerates slowly still follows its commanded path."""
     text = robots.read_description("tsd")
     for key, was, now in (
         ("speed_mps", "1.0", "15.0"),
@@ -183,13 +183,13 @@ def test_only_the_holder_chooses_and_a_late_request_of_another_lease_does_nothin
     late = rig.ask(Service.SPEED, lease=alice.lease, cruise_speed_rpm=5000.0)
     assert (late.ok, late.why) == (False, because(Code.HELD_BY, holder="bob"))
     choose(rig, bob, 3000.0)
-    choose(rig, bob, 3000.0)  # Twice is once.
+    choose(rig, bob, 3000.0)  # Repeated requests are idempotent.
     rig.drive(bob, (0, 0, 0), 2.0)
     np.testing.assert_allclose(rig.setpoint[rig.wheels], 3000.0 * RPM)
 
 
 def test_a_thousand_requests_a_second_move_nothing_and_are_not_answered_by_a_flood() -> None:
-    """By the holder, who cannot decide, by one who has no lease, and what is none at all."""
+    """Requests alternate between the holder, an operator without a lease, and an invalid lease."""
     rig, alone = ControllerHarness(SimRobot(ROBOT)), ControllerHarness(SimRobot(ROBOT))
     pilots = [each.get_ready() for each in (rig, alone)]
     rig.controller.take_events()
@@ -209,7 +209,7 @@ def test_a_thousand_requests_a_second_move_nothing_and_are_not_answered_by_a_flo
         for each, pilot in zip((rig, alone), pilots, strict=True):
             each.drive(pilot, way, 0.01)
         np.testing.assert_allclose(rig.controller.twist, alone.controller.twist, atol=1e-9)
-        # No motor gets a tenth behind, with 0.12 s for up: less than a hundredth in a period.
+        # A change of under 1 % per period keeps motors with a lag of 0.12 s within 10 %.
         assert (np.abs(rig.setpoint[rig.wheels] - before) < 0.01 * before).all()
         before = rig.setpoint[rig.wheels].copy()
     assert rig.mode is Mode.DRIVING
@@ -280,7 +280,7 @@ def test_a_robot_whose_wheels_stand_when_it_does_has_no_speed_to_choose() -> Non
 def test_a_machine_whose_wheels_turn_otherwise_than_described_has_no_speed_they_do_not_reach(
     end: str,
 ) -> None:
-    """At both ends of what can be chosen all of its wheels turn, as fast as the robot believes."""
+    """At both ends of the range, all wheels reach the speed that the controller assumes."""
     found = "\n[calibration]\nspin_scale = [1.1, 0.9, 1.0]\n"
     robot = robots.parse_description(robots.read_description("tsd") + found, "mine")
     assert robot.wheel_speed_range is not None
@@ -303,7 +303,7 @@ def test_a_machine_whose_wheels_turn_otherwise_than_described_has_no_speed_they_
 @given(speeds)
 @settings(max_examples=10)
 def test_wheels_that_shall_not_turn_alike_keep_their_ratio_in_every_gear(rpm: float) -> None:
-    """What is chosen is the speed of a wheel at 1; the twist is what it was."""
+    """The chosen speed applies to a wheel of ratio 1; the twist does not change."""
     ratio = np.array([1.5, 1.0, 1.2])
     text = robots.read_description("tsd").replace(
         "[limits]", f"spin_ratio = {ratio.tolist()}\n\n[limits]", 1

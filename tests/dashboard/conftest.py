@@ -1,4 +1,4 @@
-"""What many tests of the dashboard need running."""
+"""Shared fixtures of the dashboard tests."""
 
 from __future__ import annotations
 
@@ -8,6 +8,15 @@ import pytest
 import viser
 
 from tsd_twin.dashboard.scene import viser_compat
+from tsd_twin.dashboard.sessions import teleop
+
+PATIENT_S = 1.0
+
+
+@pytest.fixture(autouse=True)
+def patient_deadman(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let pages stall for as long as `robot_node.PATIENT`, so that a busy machine ends no drive."""
+    monkeypatch.setattr(teleop, "COMMAND_TIMEOUT_S", PATIENT_S)
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""The page of a part of a recording has what happened in it, and no more; the rest is refused."""
+"""The exported page contains exactly the events of its part of a recording."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SPITEFUL = "</script><script>alert(1)</script><!-- \u2028"
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two robots; drops, a stop, and marks with texts that would end a script."""
+    """Two robots with drops, a stop, and marks whose text would end a script."""
     path = tmp_path_factory.mktemp("drives") / "drive.mcap"
     file = RecordingFile(path)
     drive, other = RecordedDrive(file), RecordedDrive(file, "kiwi", "other")
@@ -54,7 +54,7 @@ def test_a_page_has_the_events_marks_and_modes_of_its_part(recording: Path) -> N
     assert [mode for _, mode in robot["modes"]] == ["arming", "ready", "driving", "stopped"]
     assert max(speed for speed in robot["speeds"] if speed is not None) > 0.2
     assert len(robot["speeds"]) == pytest.approx(10 * data["duration_s"], abs=1)
-    # Its stream has ended, but not said so.
+    # Its stream has ended without notice.
     assert [mode for _, mode in other["modes"]] == ["disarmed"]
     events = sorted(data["events"], key=lambda each: each["t_s"])
     assert [each["kind"] for each in events] == ["mark", "drop", "stop"]

@@ -1,4 +1,4 @@
-"""The order of the robots, and their colours."""
+"""Order and colours of the robots."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tsd_twin.dashboard.scene.appearance import ROBOT_COLOURS, RobotRoster
 
 IDS = st.lists(st.sampled_from("abcdefgh"), unique=True)
 LIGHT, DARK = (255, 255, 255), (27, 31, 37)
-"""Surfaces of the page."""
+"""Background colours of the page."""
 
 
 @given(first=IDS, there=IDS)
@@ -32,7 +32,7 @@ def test_a_robot_keeps_its_colour_which_no_other_has(first: list[str], asked: li
 
 
 def luminance(colour: tuple[int, int, int]) -> float:
-    """Relative luminance, as WCAG has it."""
+    """Relative luminance by the WCAG definition."""
     parts = [part / 255.0 for part in colour]
     linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]

@@ -1,4 +1,4 @@
-"""Round trips in numbers that one late message cannot change much."""
+"""Round-trip statistics that a single late message hardly changes."""
 
 from __future__ import annotations
 

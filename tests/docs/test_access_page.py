@@ -1,4 +1,4 @@
-"""The page on letting others in: its figures, commands and sentences are those of the code."""
+"""Numbers, commands and texts of the access page match the code."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SOURCES = [*(ROOT / "src/tsd_twin").rglob("*.py"), *(ROOT / "app").glob("*.py")]
 
 
 def spoken(file: Path) -> str:
-    """Return the text of a file with its strings joined, as they are shown."""
+    """Return the text of a file with its string literals joined, as displayed."""
     return re.sub(r'"\s*f?"', "", file.read_text(encoding="utf-8"))
 
 

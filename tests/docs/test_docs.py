@@ -1,4 +1,4 @@
-"""Links lead somewhere, drawings are what their scripts draw, and layers are those in force."""
+"""Links resolve, drawings match their scripts, and the documented layers match the linter's."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_every_page_is_linked_from_the_home_page_or_the_readme() -> None:
 
 
 def test_the_drawings_are_what_their_scripts_draw(tmp_path: Path) -> None:
-    """Of modes.svg too, which is drawn from the table that the robot runs on."""
+    """Includes modes.svg, which is drawn from the robot's mode table."""
     subprocess.run([sys.executable, str(ROOT / "docs/img/draw"), str(tmp_path)], check=True)
     drawn = {path.name: path.read_text(encoding="utf-8") for path in tmp_path.iterdir()}
     committed = {
@@ -67,7 +67,7 @@ def test_the_layers_on_the_page_are_those_that_are_checked() -> None:
 
 @pytest.mark.system
 def test_the_program_with_an_own_robot_io_runs_and_drives(tmp_path: Path) -> None:
-    """As its reader would start it, at a free port; a script drives it."""
+    """Start it as in the docs, on a free port, and drive it with a script."""
     text = code(page("own_hardware.md"), "python")[0]
     (tmp_path / "my_robot.py").write_text(text, encoding="utf-8")
     flags = ["--listen", "tcp/127.0.0.1:0", "--until-eof"]
@@ -85,7 +85,7 @@ def test_the_program_with_an_own_robot_io_runs_and_drives(tmp_path: Path) -> Non
                         with robot.control("script") as base:
                             base.drive(vx_mps=0.2, duration_s=0.5)
                         break
-                    except RobotStopped:  # This process got no time, and sent nothing.
+                    except RobotStopped:  # Starved, this process sent no messages.
                         if left == 0:
                             raise
                 assert robot.state.odom.pose.x_m > 0.05

@@ -1,4 +1,4 @@
-"""The equations and figures of docs/kinematics.md, computed again."""
+"""Equations and numbers of docs/kinematics.md, computed again."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FLAT = DRIVE.contact_from_twist.reshape(-1, 3)
 
 
 def row(begin: str) -> str:
-    """Return the one line of the page that begins with `begin`."""
+    """Return the only line of the page that starts with `begin`."""
     (line,) = [line for line in TEXT.splitlines() if line.startswith(begin)]
     return line
 
@@ -105,7 +105,7 @@ def test_the_figures_of_the_drive() -> None:
 def test_the_lines_through_the_motor_table(first: int, begin: str) -> None:
     signal = ROBOT.motor.signal[first:]
     fits = [np.polyfit(signal, curve[first:], 1) for curve in ROBOT.motor.speed_rpm]
-    # Half-way cases, such as 563.25, may be printed either way.
+    # Exact ties, such as 563.25, may be rounded either way.
     printed = [float(n) for n in re.findall(r"\d+\.\d+", row(begin))]
     np.testing.assert_allclose(printed, np.ravel([[a, -b] for a, b in fits]), atol=0.0501)
 
@@ -147,7 +147,7 @@ def turn(angle: float) -> Array:
 
 
 def astray(printed: Callable[[float], Array], twist: Array) -> tuple[float, float]:
-    """Least and most that the wheels roll beside what is asked for, by a printed matrix."""
+    """Minimum and maximum deviation of rolling velocity from the twist, for a printed matrix."""
     by_module = [
         np.linalg.norm((printed(theta) - h) @ twist)
         for theta, h in zip(DRIVE.azimuths_rad, DRIVE.contact_from_twist, strict=True)

@@ -1,4 +1,4 @@
-"""docs/foxglove.md: its tables, figures and layout are those of the code."""
+"""Tables, numbers and layout of docs/foxglove.md match the code."""
 
 from __future__ import annotations
 
@@ -64,5 +64,5 @@ def test_the_layout_shows_topics_and_calls_services_that_there_are() -> None:
         assert all(path["value"].split(".")[0] in shown for path in panel.get("paths", ()))
     called = {panel["serviceName"] for panel in config.values() if "serviceName" in panel}
     assert called == {f"/{name}" for name in SERVICES}
-    # Twists have to come faster than they run out.
+    # Twists must arrive faster than they expire.
     assert all(each.get("publishRate", 20) >= 10 for each in config.values())

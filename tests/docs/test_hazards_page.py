@@ -1,4 +1,4 @@
-"""docs/hazards.md names code and tests that exist."""
+"""Code and tests named in docs/hazards.md exist."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_the_rule_is_in_a_file_and_a_test_proves_it(row: list[str]) -> None:
 
 @cache
 def functions_of(file: str) -> set[str]:
-    """Return the names of the tests in a file; those of the page are sentences."""
+    """Return the names of the tests in a file, which the page writes as sentences."""
     if file.startswith("web/"):
         return set(
             re.findall(r'^ *test\("([^"]+)"', (ROOT / file).read_text("utf-8"), re.MULTILINE)

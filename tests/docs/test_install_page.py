@@ -20,7 +20,7 @@ def test_extras_on_the_page_are_those_of_the_package() -> None:
     for name in set(EXTRAS) - {"all"}:
         requirements = [Requirement(text) for text in EXTRAS[name]]
         included = {extra for each in requirements for extra in each.extras}
-        packages, _, of_others = listed[name].partition("those of")
+        packages, _, of_others = listed[name].partition("the packages of")
         assert set(re.findall(r"`(\w+)`", of_others)) == included
         own = {each.name for each in requirements if each.name != "tsd-twin"}
         assert set(re.findall(r"[a-z\d][\w-]*", packages)) - {"and"} == own

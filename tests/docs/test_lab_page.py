@@ -1,4 +1,4 @@
-"""docs/lab.md shows what `tsd-lab` prints."""
+"""docs/lab.md shows the output of `tsd-lab`."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_what_is_shown_is_what_is_printed(tmp_path: Path, command: str, shown: s
     name, *flags = shlex.split(command.replace("python -m research", "tsd-lab"))[1:]
     printed = "\n".join(run(tmp_path, name, *flags))
     assert NUMBER.sub("#", printed) == NUMBER.sub("#", shown)
-    # Sums come out a little different on another processor, and physics makes more of that.
+    # Sums round differently on other processors, and the simulation amplifies that.
     numbers = [[float(n) for n in NUMBER.findall(text)] for text in (printed, shown)]
     assert numbers[0] == pytest.approx(numbers[1], rel=0.03, abs=0.02), printed
 

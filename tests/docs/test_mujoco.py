@@ -1,4 +1,4 @@
-"""The kinematics against MuJoCo: spheres with friction on a plane, no equation of ours."""
+"""The kinematics against MuJoCo: spheres with friction on a plane, without project equations."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from tsd_twin.robots import load_robot
 DRIVE = load_robot("tsd").kinematics()
 RAMP_S, LONG_ENOUGH_S = 0.5, 2.0
 CONTACT_S = 0.005
-"""Time in which MuJoCo's friction gives way; in a curve it makes the motion lag by as much."""
+"""Time constant of MuJoCo's soft friction; in a curve the motion lags by it."""
 
 
 def world(drive: SingularityKinematics) -> str:
-    """A plate on gimbals and frictional spheres; gimbals held by stiff servos, wheels by motors."""
+    """A plate on gimbals and spheres with friction, driven by stiff servos and motors."""
     modules, actuators = "", ""
     for i, (pivot, azimuth) in enumerate(zip(drive.pivots_m, drive.azimuths_rad, strict=True)):
         # Y of a module is radially outward; alpha turns about -X, beta about Y, the wheel about Z.
@@ -56,7 +56,7 @@ def world(drive: SingularityKinematics) -> str:
 
 
 def rolled(joints: Array) -> Array:
-    """Mean twist (3,) of a robot in its own frame, once its gimbals have come to `joints`."""
+    """Mean twist (3,) of a robot in its own frame, after its gimbals have reached `joints`."""
     model = mujoco.MjModel.from_xml_string(world(DRIVE))
     data = mujoco.MjData(model)
     for i in range(DRIVE.modules):
@@ -83,7 +83,7 @@ def test_a_robot_of_solid_bodies_does_what_it_is_told(twist: list[float]) -> Non
 
 @pytest.mark.parametrize("twist", [[0.5, 0.0, 0.0], [0.0, 0.5, 0.0]])
 def test_as_printed_it_leaves_diagonally(twist: list[float]) -> None:
-    """Eq. 4 and 7 as printed: forward and left are the same, and are neither."""
+    """With Eq. 4 and 7 as printed, forward and left give the same motion, which is neither."""
     joints = []
     for azimuth in DRIVE.azimuths_rad:
         c, s = np.cos(azimuth), np.sin(azimuth)

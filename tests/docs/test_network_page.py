@@ -1,4 +1,4 @@
-"""The page on networks against the rules that are in force."""
+"""The network page against the access rules in use."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ RULES = access_control(
 
 
 def allowed(name: str, message: str) -> set[str]:
-    """Return the keys below a robot that somebody may use so."""
+    """Return the keys below a robot that `name` may use with a message type."""
     ids = {i for p in RULES["policies"] if name in p["subjects"] for i in p["rules"]}
     return {
         key.removeprefix("twin/*/")

@@ -1,4 +1,4 @@
-"""docs/python.md: its scripts run, its errors and methods are those of the library."""
+"""Scripts in docs/python.md run; its errors and methods match the library."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def endpoint() -> Generator[str]:
 @pytest.mark.system
 @pytest.mark.parametrize("number", range(len(SCRIPTS)))
 def test_every_script_runs(number: int, endpoint: str, tmp_path: Path) -> None:
-    """With the mock at a free port in place of the one that is found by default."""
+    """With the mock on a free port instead of the default endpoint."""
     text = re.sub(r"(connect(_async)?)\(\)", rf'\1("{endpoint}")', SCRIPTS[number])
     script = tmp_path / "script.py"
     script.write_text(text, encoding="utf-8")

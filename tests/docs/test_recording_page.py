@@ -1,4 +1,4 @@
-"""docs/recording.md: its scripts run on a recording, and its commands have the flags they use."""
+"""Scripts in docs/recording.md run on a recording, and the flags of its commands exist."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ import pytest
 import tsd_twin
 from tests.app.conftest import PATIENCE_S, Program
 from tests.support.markdown_pages import code, page, quoted, section, tables
+from tests.support.robot_node import patient_robot
 from tests.support.scripts import drive
 
 PAGE = page("recording.md")
@@ -22,9 +23,9 @@ SCRIPTS = code(PAGE, "python")
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Generator[Path]:
-    """A folder with `run.mcap`: a drive and a stop."""
+    """A folder with `run.mcap`, a recording of a drive and a stop."""
     folder = tmp_path_factory.mktemp("page")
-    programs = [Program(["tsd_mock", "--listen", "tcp/127.0.0.1:0"])]
+    programs = [Program(["tsd_mock", "--listen", "tcp/127.0.0.1:0", *patient_robot()])]
     try:
         endpoint = programs[0].ready().split()[-1]
         programs.append(Program(["tsd_record", "--connect", endpoint, "--dir", str(folder)]))

@@ -1,4 +1,4 @@
-"""docs/robots.md has every key of a description, its default, and errors as they are."""
+"""docs/robots.md lists every key of a description, its default, and the actual errors."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TSD = robots.read_description("tsd")
 
 
 def tables_of_a_description() -> Iterator[tuple[str, type[Table], set[str]]]:
-    """Walk all tables, with where they stand and what of them stands elsewhere."""
+    """Yield all tables with their heading, and the keys documented elsewhere."""
     yield "## The robot", RobotDescription, set()
     common = set(RobotDescription.__struct_fields__)
     for name, table in inner(RobotDescription):
@@ -34,7 +34,7 @@ def tables_of_a_description() -> Iterator[tuple[str, type[Table], set[str]]]:
 
 
 def inner(table: type[Table], path: str = "") -> Iterator[tuple[str, type[Table]]]:
-    """Walk the tables inside a table, also those in lists of tables, with their paths."""
+    """Yield the paths and types of nested tables, including those in lists."""
     hints = typing.get_type_hints(table)
     for field in msgspec.structs.fields(table):
         name, hint = field.encode_name, hints[field.name]

@@ -1,4 +1,4 @@
-"""docs/ros2.md: its tables and figures are those of the code."""
+"""Tables and numbers of docs/ros2.md match the code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""docs/safety.md is the state machine, its times, and how far the simulated robot goes."""
+"""docs/safety.md matches the state machine, its times and the simulated stopping distances."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from tests.support.markdown_pages import page, quoted, section, tables
 from tests.support.source_table import documented
 from tsd_twin.control import RobotController, monitors
 from tsd_twin.messages.cdr import BASE, TwistStamped, encode_twist
-from tsd_twin.messages.commands import Sample, encode_attachment
+from tsd_twin.messages.commands import encode_attachment
 from tsd_twin.messages.modes import LATCHED, Mode
-from tsd_twin.messages.topics import Service, twist_key
+from tsd_twin.messages.topics import Sample, Service, twist_key
 from tsd_twin.robots import load_robot
 from tsd_twin.safety import TRANSITIONS, lease, loop_watch, supervisor
 from tsd_twin.simulation import SimRobot
@@ -68,7 +68,7 @@ def test_the_speed_limits_of_leases(
 
 
 class Drive:
-    """The shipped robot, driven forward at 1 m/s in virtual time by an operator who is told how."""
+    """The `tsd` robot, driven forward at 1 m/s in virtual time."""
 
     def __init__(self) -> None:
         self.controller = RobotController(ROBOT, lambda: bytes(16))
@@ -87,7 +87,7 @@ class Drive:
         self.controller.serve(service, json.dumps(request).encode(), self.now_s)
 
     def step(self, vx: float | None = None) -> None:
-        """Let one period pass, with a command or without."""
+        """Run one period, with or without a command."""
         self.tick += 1
         self.now_s += PERIOD_S
         self.controller.record_status_sent(self.tick, self.now_s)
@@ -100,7 +100,7 @@ class Drive:
         self.robot.write(self.controller.step(self.now_s, measured, samples), self.now_s)
 
     def until_rest(self, vx: float | None) -> tuple[float, float]:
-        """Return how far the robot goes from now on, in metres, and for how long, in seconds."""
+        """Return the distance, m, and time, s, from now until standstill."""
         start, begin_s, moving_s = self.robot.truth(self.now_s), self.now_s, self.now_s
         assert np.hypot(*start.twist[:2]) == pytest.approx(1.0, abs=0.01)
         for _ in range(200):

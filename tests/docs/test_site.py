@@ -1,4 +1,4 @@
-"""The site of the documentation: complete, linked, readable without a network."""
+"""The documentation site is complete, linked and readable offline."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from tests.support.markdown_pages import ROOT, code, page, quoted, tables, witho
 PAGES = [path.relative_to(ROOT / "docs") for path in sorted(ROOT.glob("docs/**/*.md"))]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 LOADED = {"script": "src", "img": "src", "link": "href"}
-"""Elements that load what their attribute names."""
+"""Elements that load the URL in an attribute."""
 
 
 class Elements(HTMLParser):
-    """The elements of a page of the site."""
+    """Collects the elements of a page."""
 
     def __init__(self, file: Path) -> None:
         super().__init__()
@@ -48,7 +48,7 @@ def build(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The site as `make docs` builds it, where a warning is an error."""
+    """The site as built by `make docs`, with warnings as errors."""
     folder = tmp_path_factory.mktemp("site")
     built = build("scripts/build_docs", "--out", str(folder))
     assert built.returncode == 0, built.stderr
@@ -109,7 +109,7 @@ for program in sys.argv[1:]:
     os.wait()
     print("\\f", end="")
 """
-"""Prints the help of each program, from one process that imports what they share once."""
+"""Prints the help of each program from one process, which imports shared modules once."""
 
 
 @pytest.fixture(scope="module")
@@ -143,7 +143,7 @@ def test_every_formula_is_shown_as_one(
 
 
 def test_links_to_source_lead_to_the_web_when_an_address_is_known(tmp_path: Path) -> None:
-    """And a link that leads nowhere fails the build."""
+    """A broken link fails the build."""
     for name in ("conf.py", "_site"):
         (tmp_path / name).symlink_to(ROOT / "docs" / name)
     home = tmp_path / "index.md"
@@ -160,7 +160,7 @@ def test_links_to_source_lead_to_the_web_when_an_address_is_known(tmp_path: Path
 def test_every_message_of_troubleshooting_is_one_of_ours() -> None:
     files = [*ROOT.glob("src/tsd_twin/**/*.py"), *ROOT.glob("app/*.py"), ROOT / "Makefile"]
     source = "\n".join(file.read_text(encoding="utf-8") for file in files)
-    source = re.sub(r'"\s*\n\s*f?"', "", source)  # Literals that go on in the next line.
+    source = re.sub(r'"\s*\n\s*f?"', "", source)  # Implicitly concatenated literals.
     messages = [quoted(row[0])[0] for rows in tables(page("troubleshooting.md")) for row in rows]
     shells = {"command not found"}
     parts = {part.strip().lower() for text in messages for part in text.split("...")}

@@ -1,4 +1,4 @@
-"""The experiments on the page about the Student tab have the results that it says."""
+"""Experiments in the docs of the Student tab have the stated results."""
 
 from __future__ import annotations
 

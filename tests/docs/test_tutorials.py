@@ -1,4 +1,4 @@
-"""The tutorials as a reader follows them: files are loaded, scripts run, columns are there."""
+"""The tutorials work as written: files load, scripts run, columns exist."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ TUTORIAL = page("own_robot.md")
 
 @pytest.fixture
 def own(tmp_path: Path) -> Path:
-    """The copy of `kiwi` with the lines of the page, where the reader has it."""
+    """Write the reader's copy of `kiwi` with the lines of the page."""
     (lines,) = code(TUTORIAL, "toml")
     kiwi = read_description("kiwi")
     kept = kiwi[kiwi.index("\n[limits]") :]

@@ -1,4 +1,4 @@
-"""Wiring plans keep the rules, and each rule finds its error."""
+"""Wiring plans satisfy the rules, and each rule detects its error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The control table and what is made from it."""
+"""The control table and the files generated from it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_the_program_writes_them(tmp_path: Path, capsys: pytest.CaptureFixture[s
 
 
 def test_who_it_is_stands_first() -> None:
-    """Whatever else changes: a bridge must be able to see that it has met another table."""
+    """A bridge must recognise another table version, whatever else changes."""
     assert [ADDRESS[name] for name in ("model", "fw", "table_version")] == [0, 2, 3]
 
 

@@ -1,4 +1,4 @@
-"""Packets out of a stream: in pieces, among garbage, cut; never more is kept than a bound."""
+"""Packets from a stream: in pieces, amid garbage, truncated; the buffer is bounded."""
 
 from __future__ import annotations
 
@@ -60,12 +60,12 @@ def test_after_any_garbage_and_a_pause_a_packet_is_understood(
 def test_a_packet_that_is_cut_takes_none_with_it(
     protocol: type, first: Packet, others: list[Packet], data: st.DataObject
 ) -> None:
-    """At the latest when the line falls silent: a cut length may cover what follows."""
+    """At the latest when the line falls silent; a truncated length may cover what follows."""
     decoder = Decoder(protocol)
     frame = protocol.encode(first)
     cut = frame[: data.draw(st.integers(0, len(frame) - 1))]
     sent = cut + b"".join(protocol.encode(packet) for packet in others)
-    # By chance, bytes that follow complete the cut packet with a sum that is right: one in 256.
+    # One in 256 truncated packets is completed by following bytes with a valid checksum.
     size = protocol.size(sent[:12])
     assume(not cut or not size or protocol.decode(sent[:size]) is None)
     found = decoder.feed(sent, 0.0)

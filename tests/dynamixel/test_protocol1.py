@@ -1,4 +1,4 @@
-"""Frames of Protocol 1.0, with the maker's SDK as the oracle."""
+"""Protocol 1.0 frames, with the manufacturer's SDK as the oracle."""
 
 from __future__ import annotations
 

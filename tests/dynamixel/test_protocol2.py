@@ -1,4 +1,4 @@
-"""Frames of Protocol 2.0, with the maker's SDK as the oracle where it is right."""
+"""Protocol 2.0 frames, with the manufacturer's SDK as the oracle where it is correct."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SDK: Any = Protocol2PacketHandler()
 
 
 def with_the_sdk(packet: Packet) -> bytes:
-    """Return the frame by the SDK's stuffing and sum; its own `txPacket` drops the stuffing."""
+    """Return the frame with the SDK's stuffing and checksum; its `txPacket` drops the stuffing."""
     length = len(packet.params) + 3
     head = [0xFF, 0xFF, 0xFD, 0x00, packet.id, length & 0xFF, length >> 8]
     stuffed = SDK.addStuffing([*head, packet.code, *packet.params, 0, 0])[:-2]
@@ -44,7 +44,7 @@ def test_what_is_encoded_is_decoded(packet: Packet) -> None:
 
 @given(PACKETS)
 def test_no_header_is_inside_a_frame(packet: Packet) -> None:
-    """So a decoder that begins in the middle finds the next frame, whatever the data are."""
+    """A decoder that starts in the middle finds the next frame, for any data."""
     assert protocol2.HEADER not in protocol2.encode(packet)[4:-2]
 
 
@@ -58,7 +58,7 @@ def test_a_frame_with_a_wrong_bit_is_not_decoded(packet: Packet, data: st.DataOb
 
 @given(IDS, st.integers(0, 6), DATA.filter(lambda data: b"\xff\xff\xfd" not in data))
 def test_the_sdk_reads_our_answers(device: int, error: int, data: bytes) -> None:
-    """Without stuffing: the SDK unstuffs the list that it is scanning."""
+    """Without stuffing, because the SDK unstuffs the list it is scanning."""
     answer = Packet(device, Instruction.STATUS, bytes([error]) + data)
     packet, result = SDK.rxPacket(BytesPort(protocol2.encode(answer)), False)
     assert result == 0

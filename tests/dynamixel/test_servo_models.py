@@ -1,4 +1,4 @@
-"""Settings of servos: all that can be written is compared, or not with a reason."""
+"""Servo settings: every writable setting is compared, or exempt with a reason."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ READ_ONLY = {
     1: {0: 3, 36: 9, 46: 1, 68: 2},
     2: {0: 7, 69: 2, 120: 27},
 }
-"""Model, version and telemetry: where they begin, and how many bytes they have."""
+"""Address and size of model, version and telemetry."""
 WIDE = {1: {30: 2}, 2: {24: 4, 40: 4, 102: 2, 104: 4, 116: 4}}
-"""Sizes of settings that are not compared and have more than a byte."""
+"""Sizes of exempt settings with more than a byte."""
 ALL = pytest.mark.parametrize("model", MODELS.values(), ids=lambda model: model.name)
 
 

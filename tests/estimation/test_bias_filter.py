@@ -1,4 +1,4 @@
-"""Constant errors are learned from poses and a gyro, with sigmas that hold the truth."""
+"""Biases are estimated from poses and a gyro, with consistent sigmas."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ from tsd_twin.estimation import BiasFilter, TwistErrors
 from tsd_twin.estimation.bias_filter import CAUTION
 from tsd_twin.estimation.sensor_correction import LinearReading
 from tsd_twin.lie import SE2, Array
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.pose import PoseStamped, encode_pose
-from tsd_twin.messages.topics import SENSOR_POSE
+from tsd_twin.messages.topics import SENSOR_POSE, Sample
 from tsd_twin.robots import SingularityDescription
 from tsd_twin.sensors.gyro import Gyro
 from tsd_twin.sensors.pose import Camera, CameraNoise
@@ -27,13 +26,13 @@ WHITE_PER_S = np.diag([1e-6, 1e-6, 1e-6])
 
 
 def bias_jacobian(twist: Array) -> Array:
-    """A share of the speed, two velocities of creep, a turn rate; the mounting moves nothing."""
+    """Jacobian (3, 7): speed scale, two creep velocities, turn rate; the mounting has no effect."""
     columns = np.column_stack([0.03 * twist * [1, 1, 0], np.diag([0.005, 0.005, 0.01])])
     return np.hstack([columns, np.zeros((3, 3))])
 
 
 class Ride:
-    """A robot with constant errors, and what learns them."""
+    """A robot with biases, and a filter that estimates them."""
 
     def __init__(self, seed: int) -> None:
         self.random = np.random.default_rng(seed)
@@ -45,7 +44,7 @@ class Ride:
         self.seen: list[tuple[float, SE2]] = []
 
     def drive(self, seconds: float, late: int = 2) -> None:
-        """Drive; every fourth pose is seen, and heard `late` poses later."""
+        """Drive; every fourth pose is observed and delivered `late` poses later."""
         for i in range(round(seconds / DT_S)):
             if i % 10 == 0:
                 waves = np.sin(np.array([1.0, 1.7, 0.9]) * self.now_s + [1.0, 0.0, 0.5])
@@ -117,7 +116,7 @@ def comparison(difference: float, by_bias: float, variance: float) -> LinearRead
 
 
 def test_what_nothing_measures_changes_by_itself_only_towards_the_description() -> None:
-    """Over hours, what was known once is as unknown as at the start."""
+    """Over hours without measurements, the estimate returns to the prior."""
     filtered = BiasFilter(1)
     filtered.compare(0.0, comparison(2.0, 1.0, 1e-6))
     assert filtered.biases == pytest.approx([2.0], abs=1e-3)
@@ -135,7 +134,7 @@ _SPIN_UP_S = 6.0
 def wander(
     robot: SingularityDescription, seconds: float, seed: int
 ) -> tuple[StateEstimator, dict[str, float]]:
-    """Drive a simulated robot under a camera; return its estimator and its true errors."""
+    """Drive a simulated robot under a camera; return its estimator and true errors."""
     simulation = simulate(robot, noise=1.0, seed=seed)
     estimator, kinematics = StateEstimator(robot), robot.kinematics()
     camera = Camera(CameraNoise(), np.random.default_rng(seed))

@@ -1,4 +1,4 @@
-"""Whether modules that contradict one another are noticed, and the right one is named."""
+"""Inconsistent modules are detected, and the faulty one is named."""
 
 from __future__ import annotations
 
@@ -46,17 +46,17 @@ def test_modules_that_agree_are_no_evidence(twist: Array) -> None:
 def test_a_jammed_module_is_blamed(
     twist: Array, module: int, off_rad: tuple[float, float], signs: tuple[float, float]
 ) -> None:
-    """With three modules, two that agree outvote the third: four equations for three unknowns."""
+    """With three modules, two that agree outvote the third: four equations, three unknowns."""
     joints = DRIVE.inverse(twist)
     joints[3 * module : 3 * module + 2] += np.multiply(off_rad, signs)
-    # Two modules see one component of the third only, along the line between the pivots.
+    # Two modules see only one component of the third, along the line between the pivots.
     explained = DRIVE.fault_contribution(DRIVE.forward(joints).residual)
     assert explained.argmax() == module
-    # One joint of another module may explain as much as both of this: then nobody can tell.
+    # One joint of another module may explain as much as both of this one, which is ambiguous.
     assume(np.delete(explained, module).max() < 0.98 * explained[module])
     verdict = watched(joints)
     assert verdict.suspect == module
-    # What it alone explains is all there is to explain.
+    # This module alone explains the whole residual.
     assert verdict.shares[module] == pytest.approx(1.0, abs=1e-6)
 
 
@@ -69,11 +69,30 @@ def test_a_module_stuck_at_neutral_is_evident_within_a_tenth_of_a_second(
     joints[3 * module : 3 * module + 2] = 0.0
     verdict = watched(joints, 0.1)
     assert verdict.level > 1.0
-    # Along the line between two pivots either module explains all: then the first is named.
+    # Along the line between two pivots either module explains the residual, so none is named.
     alike = np.flatnonzero(verdict.shares > verdict.shares[module] - 1e-6)
     assert verdict.shares[module] == pytest.approx(1.0, abs=1e-6)
-    assert verdict.suspect == alike[0]
+    assert verdict.suspect == (module if len(alike) == 1 else None)
     assert len(alike) <= (2 if twist[1] else 1)
+
+
+@pytest.mark.parametrize("name", ["omni4", "mecanum"])
+@pytest.mark.parametrize("wheel", range(4))
+@pytest.mark.parametrize("twist", [[0.6, 0.2, 0.5], [-0.2, 0.7, 0.0]])
+def test_nobody_is_blamed_if_all_explain_it_alike(
+    name: str, wheel: int, twist: list[float]
+) -> None:
+    """Four wheels have one residual, which any of them explains."""
+    robot = robots.load_robot(name)
+    kinematics = robot.kinematics()
+    monitor = ConsistencyMonitor(kinematics, robot.joint_errors())
+    joints = kinematics.inverse(np.array(twist))
+    joints[wheel] *= 0.7
+    for _ in range(100):
+        monitor.advance(joints, 0.01)
+    verdict = monitor.judge(joints)
+    assert verdict.level > 1.0
+    assert verdict.suspect is None
 
 
 def test_a_wheel_that_spins_at_another_speed_is_blamed() -> None:
@@ -83,7 +102,7 @@ def test_a_wheel_that_spins_at_another_speed_is_blamed() -> None:
 
 
 def test_noise_of_the_known_size_is_no_evidence() -> None:
-    """Drawn anew in each period, or lasting for a minute: neither is a fault."""
+    """Neither white noise nor a constant error over a minute counts as a fault."""
     random = np.random.default_rng(0)
     joints = DRIVE.inverse(np.array([0.6, 0.2, 0.5]))
     sigma = np.tile([np.radians(0.025)] * 2 + [0.01 * DRIVE.spin_rad_per_s], 3)
@@ -117,7 +136,7 @@ GIMBALS = [0, 1, 3, 4, 6, 7]
 
 
 def judged(joints: Array, compliance: JointCompliance | None = COMPLIANCE) -> ConsistencyResult:
-    """Follow joints (t, n), 100 a second, of a robot that does not measure its wheel speeds."""
+    """Process joints (t, n) at 100 Hz for a robot without wheel speed sensors."""
     monitor = ConsistencyMonitor(DRIVE, ROBOT.joint_errors(), compliance)
     for each in joints:
         monitor.advance(each, 0.01, modelled=MODELLED)
@@ -125,15 +144,14 @@ def judged(joints: Array, compliance: JointCompliance | None = COMPLIANCE) -> Co
 
 
 def speeding_up(acceleration: list[float], seconds: float = 0.25) -> Array:
-    """Return joints (t, n) from standstill, evenly faster, of modules that agree."""
+    """Return joints (t, n) of consistent modules at constant acceleration from rest."""
     times_s = np.arange(0.0, seconds, 0.01)
     return DRIVE.inverse(times_s[:, None] * np.array(acceleration))
 
 
 @given(turning=st.floats(-20.0, 20.0), x=st.floats(-4.0, 4.0), y=st.floats(-4.0, 4.0))
 def test_gimbals_that_turn_are_no_evidence(turning: float, x: float, y: float) -> None:
-    """They roll their wheels a little, by some mm/s that do not agree; set-points know nothing of
-    it."""
+    """Turning gimbals roll their wheels by some inconsistent mm/s, which setpoints do not show."""
     verdict = judged(speeding_up([x, y, turning]), None)
     assert verdict.residual_mps < 1e-9
 
@@ -141,7 +159,7 @@ def test_gimbals_that_turn_are_no_evidence(turning: float, x: float, y: float) -
 @pytest.mark.parametrize("share", [0.5, 1.0])
 @pytest.mark.parametrize("turning", [-20.0, 20.0])
 def test_gimbals_that_give_way_to_the_floor_are_no_evidence(turning: float, share: float) -> None:
-    """Of a robot that turns faster and faster, all gimbals lean outward, or all inward."""
+    """During angular acceleration, all gimbals lean outward, or all inward."""
     joints = speeding_up([0.0, 0.0, turning])
     joints[1:] += share * COMPLIANCE.by_acceleration @ np.array([0.0, 0.0, turning])
     assert judged(joints).level <= 1.0
@@ -155,7 +173,7 @@ def test_the_same_lean_of_a_robot_that_does_not_speed_up_is_evidence() -> None:
 
 
 def test_gimbals_within_their_dead_bands_are_no_evidence() -> None:
-    """All at once, each at one end."""
+    """All at once, each at an end of its dead band."""
     edges = COMPLIANCE.dead_band_rad * np.array(list(itertools.product([-1.0, 1.0], repeat=6)))
     for edge in edges:
         joints = DRIVE.inverse(np.array([0.7, -0.7, 0.0]))
@@ -168,7 +186,7 @@ def test_gimbals_within_their_dead_bands_are_no_evidence() -> None:
 def test_a_gimbal_that_is_a_third_of_a_degree_aside_is_named_in_half_a_second(
     joint: int, direction: float
 ) -> None:
-    """At 1 m/s. With the noise of wheel speeds that a model supplies, it would be overlooked."""
+    """At 1 m/s. With the noise of modelled wheel speeds, the fault would be missed."""
     twist = np.array([np.cos(direction), np.sin(direction), 0.0])
     joints = np.tile(DRIVE.inverse(twist), (150, 1))
     joints[100:, joint] += np.radians(0.33)
@@ -178,7 +196,7 @@ def test_a_gimbal_that_is_a_third_of_a_degree_aside_is_named_in_half_a_second(
 @pytest.mark.parametrize("share", [0.5, 0.8])
 @pytest.mark.parametrize("joint", GIMBALS)
 def test_a_gimbal_that_moves_the_others_is_the_one_that_is_named(joint: int, share: float) -> None:
-    """Wheels that contradict each other slide, the floor pushes them, and their gimbals lean."""
+    """Inconsistent wheels slide, so the floor pushes them and their gimbals lean."""
     sound = DRIVE.inverse(np.array([0.5, 0.3, 0.0]))
     yields = share * COMPLIANCE.by_slip(DRIVE.spin_rad_per_s)
     joints = sound + np.eye(9)[joint] * np.radians(1.0)

@@ -1,4 +1,4 @@
-"""Keys that say what is wrong with a robot are in the covariance, or explained not to be."""
+"""Error keys of a description enter the covariance, or are exempt with a reason."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tsd_twin.sensors.gyro import Gyro
 
 TABLES = ("errors", "noise", "gyro")
 PLAY = ("errors", "backlash_deg")
-"""The encoder is behind the gear, so play is measured."""
+"""The encoder is behind the gear, so backlash is measured."""
 PERIOD_S = 0.01
 
 
@@ -36,12 +36,13 @@ def with_gyro(name: str) -> Any:
 
 
 LEAST = {"speed_scale_sigma": 0.01, "noise_rad_per_s": 1e-5, "gimbal_angle_deg": 0.01}
-"""Without them there would be nothing for a gyro to correct, no noise to weigh it by, and residuals
-of interpolation that nothing explains."""
+"""Without these errors, there would be nothing for a gyro to correct, no noise to weigh it by, and
+unexplained interpolation residuals.
+"""
 
 
 def with_only(robot: Any, table: str, key: str) -> Any:
-    """Next to nothing wrong with the robot, but for one key."""
+    """Return a robot with almost no errors except for one key."""
     changed = {}
     for name in TABLES:
         given = getattr(robot, name)
@@ -53,7 +54,7 @@ def with_only(robot: Any, table: str, key: str) -> Any:
 
 
 def spread(robot: RobotDescription) -> np.ndarray[Any, Any]:
-    """Variances after a second of turning while driving, and of starting to."""
+    """Variances after 1 s of turning while driving, and of starting to."""
     estimator, kinematics = StateEstimator(robot), robot.kinematics()
     for i in range(100):
         share = min(1.0, 0.1 * i)

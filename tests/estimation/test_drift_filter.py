@@ -1,4 +1,4 @@
-"""Constant errors of twists are learnt from poses, however late these come."""
+"""Constant twist errors are estimated from poses, at any delay."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tsd_twin.lie import SE2, Array
 
 DT_S = 0.01
 SIGMA = np.array([0.01, 0.003, 0.003, 0.002])
-"""Of a share of the speed, of two velocities of creep, of the bias of a gyro."""
+"""Speed scale, two creep velocities, gyro bias."""
 CAMERA = np.diag([0.005, 0.005, 0.02]) ** 2
 
 
@@ -22,7 +22,7 @@ def by_errors(twist: Array) -> Array:
 
 
 def wander(random: np.random.Generator, steps: int = 300) -> Array:
-    """Twists (n, 3) that change smoothly."""
+    """Smoothly varying twists (n, 3)."""
     t = DT_S * np.arange(steps)[:, None]
     return random.uniform(0.3, 1.0, 3) * np.sin(random.uniform(1, 4, 3) * t + random.normal(size=3))
 
@@ -36,7 +36,7 @@ def ride(
     walk: float = 0.0,
     late: int = 0,
 ) -> SE2:
-    """Drive, let every fourth pose be seen `late` steps later, and return the true pose."""
+    """Drive; every fourth pose is delivered `late` steps later. Return the true pose."""
     pose, seen = SE2.identity(), dict[int, Array]()
     growth = np.diag([walk, walk, 0.1 * walk]) ** 2
     for i, twist in enumerate(wander(random)):
@@ -58,7 +58,7 @@ def test_without_noise_the_errors_are_found(seed: int) -> None:
     errors = SIGMA * random.standard_normal(4)
     filtered = DriftFilter(SE2.identity(), 1e4 * SIGMA)
     true = ride(filtered, random, errors, late=8)
-    # The sensitivities to the errors are linear: what is left grows with their square.
+    # The sensitivities are linearized, so the remaining error grows with the errors squared.
     second_order = max(1.0, float(np.abs(errors / SIGMA).max())) ** 2
     np.testing.assert_allclose(filtered.errors, errors, atol=0.02 * second_order * SIGMA.min())
     np.testing.assert_allclose(filtered.pose.xy_heading, true.xy_heading, atol=1e-4 * second_order)
@@ -82,7 +82,7 @@ def test_once_all_poses_are_there_it_does_not_matter_how_late_they_came() -> Non
 
 
 def test_it_is_as_sure_as_it_should_be() -> None:
-    """Squared errors over their covariance are chi-square: of 60 robots, at four errors each."""
+    """Normalized squared errors of 60 robots are chi-square, with four errors each."""
     total, robots = 0.0, 60
     for seed in range(robots):
         random = np.random.default_rng(seed)

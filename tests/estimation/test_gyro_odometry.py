@@ -1,4 +1,4 @@
-"""A singularity robot with a yaw gyro: how well it knows its heading, and without its readings."""
+"""Heading accuracy of a singularity robot with a yaw gyro, and without gyro readings."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def wrong_wheels() -> SingularityDescription:
 def ready(
     robot: SingularityDescription, seed: int = 0, noise: float = 1.0, plant: str = "kinematic"
 ) -> Ride:
-    """A ride on a robot that stands, its wheels at speed; all know where it is."""
+    """A robot at rest with its wheels at speed, and an estimator with the true pose."""
     ride = Ride(robot, seed, noise, plant)
     ride.simulation.command(np.where(ride.estimator.is_angle, ride.simulation.joints, 0.0))
     ride.simulation.advance(2.0)
@@ -39,21 +39,21 @@ def ready(
 
 
 def heading_off(ride: Ride) -> tuple[float, float]:
-    """Error in heading of the published estimate, and of the other one."""
+    """Heading error of the published and of the alternative estimate."""
     true = ride.simulation.pose.xy_heading[2]
     best, other = (float(wrap(pose.xy_heading[2] - true)) for pose in poses(ride))
     return best, other
 
 
 def poses(ride: Ride) -> tuple[SE2, SE2]:
-    """The published pose, and that of the wheels alone."""
+    """Published pose, and pose from wheel odometry alone."""
     other = ride.estimator.alternative_odometry(0)
     assert other is not None
     return SE2(ride.estimator.odometry(0).xy_heading), SE2(other.xy_heading)
 
 
 def drive_20_m(ride: Ride) -> float:
-    """Drive a winding way, and return how long it took."""
+    """Drive a winding path, and return its duration."""
     start_s, way_m = ride.now_s, ride.path_m
     while ride.path_m < way_m + 20.0:
         ride.drive(wander(ride.now_s - start_s))
@@ -61,9 +61,9 @@ def drive_20_m(ride: Ride) -> float:
 
 
 def test_of_wheels_that_are_wrong_the_heading_is_off_by_the_bias_of_the_gyro_and_no_more() -> None:
-    """20 m with turns, spins off by 5 %: the offset is what the gyro says of a robot that stands.
+    """20 m with turns, wheel speeds off by 5 %; the gyro bias is measured at rest.
 
-    Besides it: noise, of which four standard deviations, and what little the wheels count.
+    The tolerance is 4 sigma of gyro noise, plus the small weight of the wheels.
     """
     offs, shares = [], []
     for seed in range(6):
@@ -81,13 +81,13 @@ def test_of_wheels_that_are_wrong_the_heading_is_off_by_the_bias_of_the_gyro_and
     gyro, wheels, gyro_m, wheels_m = np.sqrt(np.square(offs).mean(axis=0))
     assert gyro < 0.1 * wheels
     assert gyro_m < 0.1 * wheels_m
-    # Chi-square of six: one in 10,000 is outside, at either end.
+    # Chi-square with six degrees of freedom: one in 10,000 is outside, at either end.
     assert 0.1 < np.square(shares).sum() < 27.9
 
 
 @pytest.mark.parametrize("name", ["kiwi", "mecanum"])
 def test_a_platform_on_wheels_keeps_its_heading_by_a_gyro_too(name: str) -> None:
-    """20 m with turns: wheels that are 1 % wrong; at rest the offset of the gyro turns nothing."""
+    """20 m with turns and a 1 % wheel error; at rest, the gyro bias does not turn the estimate."""
     robot = robots.description_of_kind(robots.load_robot(name), OmniDescription)
     offs = []
     for seed in range(4):
@@ -109,7 +109,7 @@ def test_without_noise_both_agree_with_the_truth() -> None:
     drive_20_m(ride)
     off, wheels = heading_off(ride)
     assert abs(off) < 1e-3
-    assert abs(wheels) < 0.01  # Steps of the servos.
+    assert abs(wheels) < 0.01  # Servo steps.
 
 
 def test_the_gyro_leads_on_the_physics_plant_too() -> None:
@@ -121,7 +121,7 @@ def test_the_gyro_leads_on_the_physics_plant_too() -> None:
 
 @pytest.mark.parametrize("reading", [[], [np.nan], [np.inf], [-np.inf], [1e300], [-40.0]])
 def test_a_gyro_that_tells_nothing_leaves_the_wheels(reading: list[float]) -> None:
-    """Also when the numbers are left out, or beyond what gyros can measure."""
+    """Also if values are missing or beyond the range of gyros."""
     ride = ready(ROBOT, seed=2)
     pose = ride.simulation.pose
     estimator = StateEstimator(ROBOT)
@@ -153,12 +153,12 @@ def test_only_the_steps_without_a_reading_are_those_of_the_wheels() -> None:
         ride.deaf = i % 7 == 3
         best, wheels = steps()
         same = bool(np.allclose(best, wheels, rtol=0.0, atol=1e-12))
-        assert same is ride.deaf or i < 10  # The covariances are looked at ten times a second.
+        assert same is ride.deaf or i < 10  # Covariances are evaluated at 10 Hz.
     assert np.isfinite(ride.estimator.odometry(0).pose_covariance).all()
 
 
 def test_while_the_wheels_are_shut_off_the_bias_turns_nothing() -> None:
-    """They know that it stands: an hour of the offset would be a third of a turn."""
+    """The wheels imply rest; an hour of integrated bias would be a third of a turn."""
     gyro = msgspec.structs.replace(GYRO, bias_rad_per_s=0.05)
     ride = Ride(msgspec.structs.replace(ROBOT, gyro=gyro), seed=1, noise=1.0)
     shut_off = np.where(ride.estimator.is_angle, ride.simulation.joints, 0.0)

@@ -1,4 +1,4 @@
-"""Joints that are not measured for a while: how far the robot is said to have gone, how surely."""
+"""Gaps in joint measurements: estimated travel and its covariance."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from tsd_twin.control.state_estimator import StateEstimator
 from tsd_twin.estimation import MeasurementOutage, exponential_error
 from tsd_twin.estimation.outage import HARDWARE_TIMEOUT_S, OUTAGE_S
 from tsd_twin.lie import SE2, Array
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.pose import PoseStamped, encode_pose
+from tsd_twin.messages.topics import Sample
 from tsd_twin.robots import RobotDescription
 from tsd_twin.sensors.gyro import Gyro
 from tsd_twin.simulation import BoardModel, SimRobot
@@ -25,7 +25,7 @@ DT_S = 0.01
 HUNG_S = (0.15, 0.4, 1.0, 5.0)
 FULL = np.array([1.0, 1.0, 3.0])
 MIDDLES = (np.arange(20_000) + 0.5) / 20_000
-LIMIT = 16.3  # Of a chi-square with three degrees of freedom: 0.1 % are beyond.
+LIMIT = 16.3  # 99.9 % quantile of chi-square with three degrees of freedom.
 
 
 @functools.cache
@@ -41,7 +41,7 @@ def robot_named(name: str) -> RobotDescription:
 def test_its_moments_are_those_of_a_motion_that_ends_at_any_time(
     stopping_s: float, steps_s: list[float]
 ) -> None:
-    """However an outage is cut into steps."""
+    """For any division of an outage into steps."""
     outage, twist = MeasurementOutage(FULL, stopping_s), np.array([0.4, -0.2, 1.0])
     outage.begin(twist)
     way, covariance = np.zeros(3), np.zeros((3, 3))
@@ -54,7 +54,7 @@ def test_its_moments_are_those_of_a_motion_that_ends_at_any_time(
     ends_s = OUTAGE_S + (HARDWARE_TIMEOUT_S + stopping_s - OUTAGE_S) * MIDDLES
     goes_s = np.minimum(ends_s, sum(steps_s))
     np.testing.assert_allclose(way, twist * goes_s.mean(), rtol=1e-3, atol=1e-6)
-    # Beside the time there is what it slides, in any direction.
+    # The covariance also includes sliding, in any direction.
     slid = covariance - goes_s.var() * np.outer(twist, twist)
     speed2 = np.square(twist / FULL).sum()
     np.testing.assert_allclose(
@@ -65,7 +65,7 @@ def test_its_moments_are_those_of_a_motion_that_ends_at_any_time(
 
 
 class Driven:
-    """A simulated robot with a board in front, and the estimator of its node."""
+    """A simulated robot behind a board, and the estimator of its node."""
 
     def __init__(self, name: str, seed: int = 0) -> None:
         self.robot = robot_named(name)
@@ -77,20 +77,20 @@ class Driven:
         self.rest(self.robot.arming_hold_s)
 
     def step(self, dt_s: float = DT_S, *, measures: bool = True) -> None:
-        """Go on by `dt_s`, at whose end the node is there again."""
+        """Advance by `dt_s`; the node resumes at the end."""
         self.now_s += dt_s
         measured = self.board.read(self.now_s)
         self.estimator.advance(self.now_s, measured if measures else None, self.setpoint, dt_s)
         self.board.write(self.setpoint, self.now_s)
 
     def drive(self, twist: Array) -> None:
-        """Spin up, reach a twist within a second, and go on with it for another one."""
+        """Spin up, accelerate to a twist within 1 s, and hold it for another second."""
         for share in np.clip(np.arange(300) * DT_S - 1.0, 0.0, 1.0):
             self.setpoint = self.kinematics.inverse(share * twist)
             self.step()
 
     def rest(self, seconds: float = 1.0) -> None:
-        """Let all wheels stand, as before arming and in a fault: then the board obeys again."""
+        """Command rest, as before arming and in a fault, so that the board resumes."""
         upright = self.kinematics.inverse(np.zeros(3))
         self.setpoint: Array = np.where(self.estimator.is_angle, upright, 0.0)
         for _ in range(round(seconds / DT_S) + 1):
@@ -104,7 +104,7 @@ class Driven:
 
     @property
     def nees(self) -> float:
-        """Squared error of the pose, in units of its covariance."""
+        """Normalized squared pose error."""
         error = exponential_error(self.estimator.pose, self.true)
         covariance = self.estimator.odometry(0).pose_covariance
         return float(error @ np.linalg.solve(covariance, error))
@@ -115,7 +115,7 @@ class Driven:
 
 
 def full_speed(robot: RobotDescription, random: np.random.Generator) -> Array:
-    """A twist of the full speed in any direction, with a turn."""
+    """A twist at full speed in a random direction, with a turn."""
     angle = random.uniform(-np.pi, np.pi)
     x, y = robot.limits.speed_mps * np.array([np.cos(angle), np.sin(angle)])
     twist = np.array([x, y, random.uniform(-1.0, 1.0)])
@@ -129,7 +129,7 @@ NAMES = ["tsd", "tsd with gyro", "omni4", "kiwi", "kiwi with gyro", "mecanum"]
 @pytest.mark.parametrize("hung_s", HUNG_S)
 @pytest.mark.parametrize("name", NAMES)
 def test_a_robot_whose_node_hangs_is_within_what_is_claimed(name: str, hung_s: float) -> None:
-    """At full speed. Its board stops it meanwhile; the node finds out when it goes on."""
+    """At full speed; the board stops the robot, and the node learns of it when it resumes."""
     for seed in range(100, 104):
         driven = Driven(name, seed)
         driven.drive(full_speed(driven.robot, np.random.default_rng(seed)))
@@ -145,7 +145,7 @@ def test_a_robot_whose_node_hangs_is_within_what_is_claimed(name: str, hung_s: f
 
 @pytest.mark.parametrize("name", NAMES)
 def test_errors_are_as_large_as_claimed_when_a_robot_stops_at_any_time(name: str) -> None:
-    """Nothing is measured, and the hardware lets the robot go on for as long as it may."""
+    """Without measurements, the hardware keeps the robot moving for up to its timeout."""
     found = []
     for seed in range(100, 120):
         driven, random = Driven(name, seed), np.random.default_rng(seed)
@@ -164,7 +164,7 @@ def test_errors_are_as_large_as_claimed_when_a_robot_stops_at_any_time(name: str
 
 @pytest.mark.parametrize("name", ["tsd", "kiwi"])
 def test_a_pose_sensor_corrects_what_an_outage_made_uncertain(name: str) -> None:
-    """Within a second, as after a while without it; and the estimate had not been wrong."""
+    """Within 1 s, and the estimate had been consistent."""
     driven = Driven(name)
     driven.drive(np.array([0.6, 0.0, 0.0]))
     driven.step(3.0)
@@ -185,7 +185,7 @@ def test_a_pose_sensor_corrects_what_an_outage_made_uncertain(name: str) -> None
 
 
 def test_one_measurement_that_is_lost_is_no_outage() -> None:
-    """Each twentieth, at random: the covariance is that of a robot which misses none."""
+    """One in twenty, at random: the covariance is the same as without losses."""
     whole, random = Driven("tsd"), np.random.default_rng(0)
     holes = Driven("tsd")
     for driven in (whole, holes):

@@ -1,4 +1,4 @@
-"""The chi-square test: no more false alarms than are allowed, and no fault missed."""
+"""The chi-square test meets its false-alarm rate and misses no fault."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def sigmas(tilt_deg: float) -> Array:
 
 
 def residuals(joints: Array, sigma: Array, runs: int, seed: int, samples: int = 1) -> Array:
-    """Means of `samples` residuals; of angles so small, a mean has the noise of a mean."""
+    """Means of `samples` residuals, simulated by reducing the noise (valid for small angles)."""
     noise = np.random.default_rng(seed).standard_normal((runs, len(joints)))
     return DRIVE.forward(joints + sigma / np.sqrt(samples) * noise).residual
 
@@ -54,7 +54,7 @@ def test_sound_robots_raise_one_false_alarm_in_ten_thousand(
     test = ParityTest.at(DRIVE, joints, sigma)
     statistic = test.statistic(residuals(joints, sigma, 400_000, seed=1))
     assert statistic.mean() == pytest.approx(3.0, rel=0.02)
-    # 40 are expected; a count of dice falls between these but once in a million times.
+    # 40 are expected; a random count is outside these bounds once in a million runs.
     assert 14 <= (statistic > test.threshold).sum() <= 78
 
 
@@ -72,7 +72,7 @@ def test_sound_robots_raise_one_false_alarm_in_ten_thousand(
 def test_a_slow_wheel_is_found_in_95_of_100_cases_in_every_direction(
     tilt_deg: float, slower: float, samples: int
 ) -> None:
-    """One wheel is measured to turn slower than the others, at 1 m/s and 2,500 rpm."""
+    """One wheel is measured slower than the others, at 1 m/s and 2,500 rpm."""
     sigma = sigmas(tilt_deg)
     for twist in directions(12):
         for module in range(3):
@@ -82,7 +82,7 @@ def test_a_slow_wheel_is_found_in_95_of_100_cases_in_every_direction(
             found = residuals(joints, sigma, 4000, seed=module, samples=samples)
             exceeds = samples * test.statistic(found) > test.threshold
             assert exceeds.mean() >= 0.95
-            joint, _ = test.single_fault(found[exceeds])
+            joint = test.single_faults(found[exceeds])[0].argmax(axis=-1)
             assert (joint // 3 == module).mean() >= 0.97
 
 
@@ -90,7 +90,7 @@ def test_a_slow_wheel_is_found_in_95_of_100_cases_in_every_direction(
 def test_wheel_speeds_that_are_one_percent_off_cost_power(
     slower: float, least: float, most: float
 ) -> None:
-    """12 % is found in 95 of 100 cases in every direction; 10 % in fewer, in some directions."""
+    """12 % is found in 95 of 100 cases in every direction; 10 % not in all."""
     sigma = sigmas(0.05) + 0.01 * WHEELS * DRIVE.spin_rad_per_s
     found: list[float] = []
     for twist in directions(12):
@@ -104,14 +104,14 @@ def test_wheel_speeds_that_are_one_percent_off_cost_power(
 
 @pytest.mark.parametrize("samples", [1, 10, 25])
 def test_the_least_fault_that_is_found_is_that_of_the_chi_square_bound(samples: int) -> None:
-    """By hand: of a fault across its arm, a third of the square is left in the parity space."""
+    """By hand: for a fault across its arm, a third of the square is in the parity space."""
     length = brentq(lambda x: ncx2.sf(chi2.isf(1e-4, 3), 3, x) - 0.95, 1.0, 200.0)
     sigma = np.radians(0.05)
     least = np.sqrt(3.0 * length / samples) * RIM_MPS * sigma
     assert least == pytest.approx(0.0957 / np.sqrt(samples), rel=1e-3)
     joints = DRIVE.inverse(np.array([1.0, 0.0, 0.0]))
     test = ParityTest.at(DRIVE, joints, sigmas(0.05))
-    # The first module sits to the left, so that forward is across its arm. A tilt of the same size.
+    # The first module is on the left, so forward is across its arm. A tilt error of that size.
     sound = residuals(joints, sigmas(0.05), 40_000, seed=2, samples=samples)
     fault = np.zeros(6)
     fault[0] = least

@@ -1,4 +1,4 @@
-"""The pose filter, against least squares over everything at once, and against dice."""
+"""The pose filter against batch least squares and Monte Carlo runs."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_without_measurements_it_is_dead_reckoning_with_growing_doubt() -> None:
 def test_straight_on_it_is_the_least_squares_over_all_that_was_measured(
     speeds: list[float], seen: list[bool], seed: int
 ) -> None:
-    """Along a line the problem is linear: one system of all positions and all measurements."""
+    """Along a line the problem is linear: one system of all positions and measurements."""
     random, sigma = np.random.default_rng(seed), 0.02
     filtered = PoseFilter(DRIVE, SE2.identity(), memory_s=2.0)
     ends_s = [0.1 * (i + 1) for i in range(12)]
@@ -75,7 +75,7 @@ def test_straight_on_it_is_the_least_squares_over_all_that_was_measured(
         values.append(move / np.sqrt(1e-4 * 0.1))
     for i in np.flatnonzero(seen):
         z = moves[: i + 1].sum() + sigma * random.standard_normal()
-        # They come in when all is over.
+        # All measurements arrive at the end.
         assert fuse_position(filtered, np.array([z, 0.0]), sigma, ends_s[i])
         rows.append(np.eye(12)[i] / sigma)
         values.append(z / sigma)
@@ -159,7 +159,7 @@ def test_a_batch_is_each_of_its_members() -> None:
 
 
 def test_a_gyro_turns_what_the_wheels_say_and_takes_along_what_hangs_together() -> None:
-    """Against least squares over six numbers: three of the wheels, one of the gyro."""
+    """Against least squares over four measurements: three by the wheels, one by the gyro."""
     random = np.random.default_rng(0)
     root = random.normal(size=(3, 3))
     covariance, twist, rate, sigma = root @ root.T, random.normal(size=3), 0.7, 0.3
@@ -172,10 +172,10 @@ def test_a_gyro_turns_what_the_wheels_say_and_takes_along_what_hangs_together() 
 
 
 def test_with_the_noise_of_wpilib_the_end_is_within_half_a_percent_of_the_path() -> None:
-    """200 seeds of a figure of eight at 100 Hz: below 0.5 % of the path in 95 of 100 runs.
+    """Over 200 seeds of a figure of eight at 100 Hz, below 0.5 % of the path in 95 % of runs.
 
-    The noise is that of WPILib's test of swerve odometry, anew in each sample: 0.1 m/s along and
-    0.005 rad across what each wheel does, 0.05 rad of the gyro's heading. WPILib asks for 0.1 m.
+    The noise is white, as in WPILib's test of swerve odometry: 0.1 m/s along and 0.005 rad across
+    each wheel's motion, and 0.05 rad in the gyro heading. WPILib requires 0.1 m.
     """
     runs, dt_s, random = 200, 0.01, np.random.default_rng(1)
     corners = [[0, 0], [1.5, 1], [3, 0], [1.5, -1], [0, 0], [-1.5, 1], [-3, 0], [-1.5, -1], [0, 0]]
@@ -187,7 +187,7 @@ def test_with_the_noise_of_wpilib_the_end_is_within_half_a_percent_of_the_path()
         now_s = (i + 1) * dt_s
         rolling = DRIVE.contact_from_twist @ trajectory.at(now_s - 0.5 * dt_s).twist
         speed, angle = np.hypot(*rolling.T), np.arctan2(rolling[:, 1], rolling[:, 0])
-        # What 0.1 m/s along and 0.005 rad across make of a twist, to first order.
+        # Twist noise from 0.1 m/s along and 0.005 rad across, to first order.
         along = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         across = np.stack([-np.sin(angle), np.cos(angle)], axis=-1) * speed[:, None]
         to_twist = DRIVE.twist_from_contacts.reshape(3, 3, 2)
@@ -213,7 +213,7 @@ def test_with_the_noise_of_wpilib_the_end_is_within_half_a_percent_of_the_path()
     errors = np.hypot(off[:, 0], off[:, 1])
     assert np.quantile(errors, 0.95) <= 0.005 * trajectory.length_m
     assert errors.max() < 0.125
-    # The claim is right: squared distances in units of it are two on average.
+    # Consistency: the normalized squared distance is two on average.
     claimed = filtered.covariance[:, :2, :2]
     normalised = np.einsum("ni,nij,nj->n", off[:, :2], np.linalg.inv(claimed), off[:, :2])
     assert 1.4 < normalised.mean() < 2.8

@@ -1,4 +1,4 @@
-"""An estimate that outside poses correct: each at its own time, in any order, or not at all."""
+"""Pose fusion applies each measurement at its own time, in any order, or rejects it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ seeds = st.integers(0, 999)
 
 
 class Ride:
-    """Odometry along smooth random twists, and where the robot truly is."""
+    """Odometry along smooth random twists, with the true poses."""
 
     def __init__(self, seed: int, *, still: bool = False) -> None:
         self.random = np.random.default_rng(seed)
@@ -40,7 +40,7 @@ class Ride:
     def step(self) -> None:
         self.now_s += DT_S
         waves = np.array([1.0, np.sin(2.0 * self.now_s), np.cos(3.0 * self.now_s)])
-        # No robot starts at once: it would slip as far as the floor lets it.
+        # Ramp up, because a step would slip as far as the floor allows.
         twist = min(1.0, 2.0 * self.now_s) * waves @ self.sizes
         self.odometry.advance(DRIVE.inverse(twist), DT_S)
         self.truth = DRIVE.integrate(self.truth, self.odometry.motion.twist, DT_S)
@@ -52,7 +52,7 @@ class Ride:
             self.step()
 
     def seen(self, at: tuple[float, SE2]) -> SE2:
-        """The truth, as somebody sees it who is as exact as the description says."""
+        """True pose with the noise stated in the description."""
         return SE2(at[1].xy_heading + SIGMA * self.random.standard_normal(3))
 
     def state(self) -> tuple[Array, Array]:
@@ -93,7 +93,7 @@ def test_neither_the_order_nor_the_time_of_arrival_matters(
             ride.step()
         if i in when:
             seen.append((at_once.now_s - 0.004, at_once.seen(at_once.past[-1])))
-            # What one of them hears at once, the others hear when all is over.
+            # One estimate fuses each pose at once, the others fuse all at the end.
             if (
                 at_once.estimate.fuse(seen[-1][1], seen[-1][0], at_rest=False)
                 is not FusionResult.USED
@@ -106,7 +106,7 @@ def test_neither_the_order_nor_the_time_of_arrival_matters(
         same(ride, at_once)
 
 
-# Further away than the robot can have been when a late pose was measured.
+# Farther away than the robot can have been when a late pose was measured.
 @given(seed=seeds, size=st.floats(3.0, 1e8), late=st.floats(0.0, 3.0), turn=st.floats(-3.0, 3.0))
 @settings(max_examples=25)
 def test_what_is_refused_changes_nothing(seed: int, size: float, late: float, turn: float) -> None:
@@ -161,7 +161,7 @@ def test_no_more_are_kept_than_a_second_has_room_for() -> None:
 def test_what_comes_after_many_that_are_newer_is_not_run_over_all_of_them(
     seed: int, size: float
 ) -> None:
-    """Seen in the order of a film that runs backwards, the work for each would grow and grow."""
+    """In reverse order, the work per pose would otherwise keep growing."""
     ride = Ride(seed, still=True)
     ride.steps(110)
     backwards = [
@@ -193,7 +193,7 @@ def test_when_the_poses_end_it_goes_on_from_where_they_left_it(seed: int) -> Non
         corrected.append(ride.estimate.is_corrected)
     assert corrected[0]
     assert not corrected[-1]
-    # No step is longer than the robot drives in a period: no jump where it changes over.
+    # No step exceeds the robot's motion in a period, so the handover causes no jump.
     steps = np.abs(np.diff(np.array(poses), axis=0)).max()
     assert steps < 0.05
     assert ride.estimate.pose is ride.odometry.pose
@@ -201,9 +201,9 @@ def test_when_the_poses_end_it_goes_on_from_where_they_left_it(seed: int) -> Non
 
 @pytest.mark.parametrize("mounting", [0.0, 1.0], ids=["exact", "mounted"])
 def test_what_it_claims_is_right_while_all_is_wrong_as_described(mounting: float) -> None:
-    """Squared distances in units of the claim: three on average, of three numbers.
+    """Normalized squared distances average three for three numbers.
 
-    Errors of the twist are constant; the camera is off by a constant, and by noise.
+    Twist errors are constant; the camera has a bias and noise.
     """
     distances: list[float] = []
     results: Counter[FusionResult] = Counter()
@@ -234,7 +234,7 @@ def test_what_it_claims_is_right_while_all_is_wrong_as_described(mounting: float
         errors = exponential_error(ride.estimate.pose, ride.truth)
         distances.append(float(errors @ np.linalg.solve(ride.estimate.pose_covariance, errors)))
     assert 2.2 < np.mean(distances) < 4.0
-    # One in 10,000 correct poses is rejected, so more than two of these are once in a thousand.
+    # One in 10,000 correct poses is rejected, so three or more occur once in a thousand runs.
     assert results[FusionResult.USED] >= results.total() - 2 > 2000
 
 
@@ -262,7 +262,7 @@ def test_a_robot_at_rest_is_found_again_where_it_is_always_seen(turned: float) -
     for _ in range(15):
         ride.steps(4)
         fates.append(ride.estimate.fuse(ride.seen(elsewhere), ride.now_s - 0.08, at_rest=True))
-    # It is relocalized after half a second of gated frames at 25 Hz.
+    # Relocalization after 0.5 s of gated frames at 25 Hz.
     first = fates.index(FusionResult.RELOCALIZED)
     assert fates == [FusionResult.GATED] * first + [FusionResult.RELOCALIZED] + [
         FusionResult.USED
@@ -305,7 +305,7 @@ def test_what_was_seen_before_the_pose_was_set_is_of_the_past() -> None:
 
 
 def drive_past(ride: Ride, frames: int, shown: Callable[[SE2], SE2]) -> list[FusionResult]:
-    """Straight on at 0.5 m/s under a camera with 25 frames a second, that shows something else."""
+    """Drive straight at 0.5 m/s under a 25 fps camera that shows wrong poses."""
     fates: list[FusionResult] = []
     for _ in range(frames):
         ride.steps(4)
@@ -343,11 +343,11 @@ def test_after_a_gap_a_picture_that_stands_still_is_not_believed_in_motion() -> 
 
 
 def test_a_shifted_picture_does_not_win_in_motion_however_uncertain_it_makes_the_estimate() -> None:
-    """The covariance covers the shift after some seconds; the poses do not win by that."""
+    """The covariance covers the shift after some seconds, but the poses still do not win."""
     ride = straight_ride(0.1)
     assert set(drive_past(ride, 20, beside(0.0))) == {FusionResult.USED}
     assert set(drive_past(ride, 230, beside(0.3))) == {FusionResult.GATED}
     covariance = ride.estimate.pose_covariance
     assert covariance[1, 1] * 21.0 > 0.3**2
-    # Once the picture is right again, a new majority wins.
+    # Once the poses are right again, a new majority wins.
     assert drive_past(ride, 30, beside(0.0))[-5:] == [FusionResult.USED] * 5

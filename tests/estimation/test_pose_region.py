@@ -1,4 +1,4 @@
-"""Whether regions hold what they say, of poses that are drawn from the covariance."""
+"""Regions contain the stated fraction of poses drawn from the covariance."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ RUNS = 1500
 
 
 def positions_after(covariance: Array, seed: int = 0) -> Array:
-    """Return true positions (n, 2) less the estimated one, for errors of that covariance."""
+    """Return true positions (n, 2) relative to the estimate, for errors with this covariance."""
     random = np.random.default_rng(seed)
-    # A constant twist for a second, as a robot drives it.
+    # A constant twist for 1 s, as a robot drives it.
     return SE2.exp(random.multivariate_normal(np.zeros(3), covariance, RUNS)).xy_heading[:, :2]
 
 
@@ -35,7 +35,7 @@ def positions_after(covariance: Array, seed: int = 0) -> Array:
     ],
 )
 def test_the_bent_region_holds_86_percent(sigmas: list[float], correlation: float) -> None:
-    """Of robots that went straight, or around, with an unknown turn rate."""
+    """For robots that drove straight or turned, with an unknown turn rate."""
     covariance = np.diag(np.square(sigmas))
     covariance[1, 2] = covariance[2, 1] = correlation * sigmas[1] * sigmas[2]
     outline = position_region(covariance)
@@ -44,7 +44,7 @@ def test_the_bent_region_holds_86_percent(sigmas: list[float], correlation: floa
 
 
 def test_an_ellipse_would_not_hold_them() -> None:
-    """After 20 m, with half a radian of doubt about the heading."""
+    """After 20 m, with a heading sigma of 0.5 rad."""
     covariance = np.diag(np.square([0.3, 5.3, 0.54]))
     covariance[1, 2] = covariance[2, 1] = 0.98 * 5.3 * 0.54
     positions = positions_after(covariance)
@@ -54,7 +54,7 @@ def test_an_ellipse_would_not_hold_them() -> None:
 
 
 def test_errors_of_the_test_are_those_of_the_messages() -> None:
-    """Else it would agree with itself alone."""
+    """Ensures that the test does not only agree with itself."""
     twist = np.array([2.0, 0.7, 0.4])
     error = exponential_error(SE2.identity(), SE2.exp(twist))
     np.testing.assert_allclose(error, twist, atol=1e-12)

@@ -1,4 +1,4 @@
-"""A pose that another program reports is the estimate, from where it was set."""
+"""A pose reported by another program is the estimate, relative to the pose set."""
 
 from __future__ import annotations
 

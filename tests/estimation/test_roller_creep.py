@@ -1,6 +1,6 @@
-"""How far a simulated platform on rollers is behind its wheels, and whether its covariance says so.
+"""Lag of a simulated roller platform behind its wheels, and its covariance.
 
-Nothing else is wrong: encoders are exact, and no contact creeps at random.
+There are no other errors: encoders are exact, and contacts have no random drift.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def ramp(start: Array, end: Array, steps: int = 60) -> list[Array]:
 def test_after_a_start_it_is_behind_by_one_standard_deviation(
     name: str, friction: float, axis: int
 ) -> None:
-    """The lag times the speed: wheels that push by friction in proportion to their creep.
+    """The lag times the speed, for wheels whose friction is proportional to their creep.
 
     Speeds that change between two readings, 10 ms apart, add less than 1 ms to that.
     """
@@ -71,7 +71,7 @@ def test_a_stop_takes_it_back_and_a_reversal_does_as_much_again(name: str) -> No
     (once, _, _), _ = rode(robot, start)
     (rested, _, _), (sigma, _, _) = rode(robot, start + stop)
     assert abs(rested) < 0.1 * abs(once)
-    # Friction of this plant is in proportion to creep; where it saturates, a random quarter of the
+    # Friction of this plant is proportional to creep; where it saturates, a random quarter of the
     # creep does not cancel, which lasts 0.2 s in both accelerations of 0.6 s.
     assert sigma == pytest.approx(0.25 * abs(once) * np.sqrt(2.0 * 0.2 / 0.6), rel=0.15)
     (reversed_, _, _), (sigma, _, _) = rode(robot, start + back)

@@ -53,7 +53,7 @@ class Ride:
             self.path_m += float(np.hypot(*step[:2]))
 
     def off_m(self) -> tuple[float, float]:
-        """Error in position of the better estimate and of the other."""
+        """Position error of the better and of the other estimate."""
         true = self.simulation.pose.xy_heading
         other = self.estimator.alternative_odometry(0)
         assert other is not None
@@ -63,14 +63,14 @@ class Ride:
 
 
 def wander(now_s: float) -> Array:
-    """A winding way at about a metre a second."""
+    """A winding path at about 1 m/s."""
     start = min(1.0, now_s)
     return start * np.array([1.0, 0.3 * np.sin(now_s), 0.5 * np.cos(0.7 * now_s)])
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_dead_wheels_and_gyro_know_where_the_robot_is_when_its_wheels_slip(seed: int) -> None:
-    """20 m at 10 % slip, with noise: within 0.5 % of the way; the driven wheels are 5 % off."""
+    """20 m at 10 % slip, with noise: within 0.5 % of the path; the driven wheels are 5 % off."""
     ride = Ride(slippery(OMNI, 0.1), seed, noise=1.0)
     while ride.path_m < 20.0:
         ride.drive(wander(ride.now_s))
@@ -85,7 +85,7 @@ def test_without_slip_and_noise_both_agree_with_the_truth() -> None:
         ride.drive(wander(ride.now_s))
     best_m, wheels_m = ride.off_m()
     assert best_m < 0.01
-    assert wheels_m < 0.05  # Creep while it speeds up or turns.
+    assert wheels_m < 0.05  # Creep during acceleration and turns.
 
 
 def test_while_the_sensors_are_lost_the_driven_wheels_fill_in() -> None:
@@ -149,7 +149,7 @@ def roll(ride: Ride, seconds: float) -> None:
 def test_the_model_that_is_named_makes_the_estimate_and_the_other_stands_beside_it(
     model: str, best: float
 ) -> None:
-    """In ten seconds the ideal model is degrees off, the one that knows the rows a tenth of one."""
+    """In 10 s the ideal model is off by degrees, the model with rows by a tenth of a degree."""
     robot = msgspec.structs.replace(
         ATLAS, estimate=msgspec.structs.replace(ATLAS.estimate, model=model)
     )
@@ -170,7 +170,7 @@ def test_the_model_that_is_named_makes_the_estimate_and_the_other_stands_beside_
 
 
 def test_the_covariance_of_a_sphere_is_what_noise_makes_of_it() -> None:
-    """Wheels that are wrong by a constant share."""
+    """Wheels with a constant relative error."""
     robot = msgspec.structs.replace(
         ATLAS, noise=msgspec.structs.replace(ATLAS.noise, speed_scale_sigma=0.02)
     )

@@ -1,4 +1,4 @@
-"""The model of motors nobody measures, against Euler steps of its differential equation."""
+"""The model of unmeasured motors, against Euler steps of its differential equation."""
 
 from __future__ import annotations
 

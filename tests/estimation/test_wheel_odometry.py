@@ -1,4 +1,4 @@
-"""Odometry against an integration that shares nothing with it, and its covariance against dice."""
+"""Odometry against an independent integration, and its covariance against Monte Carlo runs."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def new_odometry(noise: JointErrors = EXACT) -> PlanarOdometry:
 
 
 def body_velocity(joints: Array, rates: Array) -> Array:
-    """The twist that spheres turned by gimbals give a plate on them."""
+    """Least-squares twist of a plate on gimbals with rolling spheres."""
     return solved(joints, rates)[0]
 
 
 def solved(joints: Array, rates: Array) -> tuple[Array, float]:
-    """That twist, and the squares of what it leaves of the rolling: solid bodies, no formulas."""
+    """That twist and its squared rolling residual, from rigid bodies without formulas."""
     rows, ground = [], []
     for i, azimuth in enumerate(DRIVE.azimuths_rad):
         alpha, beta, spin = joints[3 * i : 3 * i + 3]
@@ -59,7 +59,7 @@ def solved(joints: Array, rates: Array) -> tuple[Array, float]:
 
 
 def integrated(joints_at: Callable[[float], Array], seconds: float, step_s: float) -> Array:
-    """x, y, heading by the classic Runge-Kutta rule in the world's axes."""
+    """Integrate x, y and heading in world axes by fourth-order Runge-Kutta."""
 
     def rate(t_s: float, pose: Array) -> Array:
         nudge = 1e-6
@@ -88,7 +88,7 @@ def integrated(joints_at: Callable[[float], Array], seconds: float, step_s: floa
 def test_it_follows_rolling_spheres_also_when_they_disagree(
     amplitudes: list[float], phases: list[float], spins: list[float]
 ) -> None:
-    """Each gimbal swings on its own, up to 0.5 rad/s and 11 degrees: more than driving asks."""
+    """Each gimbal swings separately, up to 0.5 rad/s and 11 degrees, more than driving needs."""
 
     def joints_at(t_s: float) -> Array:
         joints = np.zeros(9)
@@ -100,7 +100,7 @@ def test_it_follows_rolling_spheres_also_when_they_disagree(
     odometry = new_odometry()
     for i in range(201):
         odometry.advance(joints_at(i * DT_S), DT_S)
-    # The first sample is where it starts from, moving as it does then, for one period.
+    # The first sample is the start, with its motion over one period.
     start = new_odometry()
     start.advance(joints_at(0.0), DT_S)
     moved = (start.pose.inverse() @ odometry.pose).xy_heading
@@ -119,7 +119,7 @@ def test_a_constant_twist_is_an_arc_to_the_last_digit(
         odometry.advance(DRIVE.inverse(np.array(twist)), DT_S)
     t_s = periods * DT_S
     vx, vy, omega = twist
-    # The integral of a turning velocity, as a complex number.
+    # The integral of a rotating velocity, as a complex number.
     turn = 1j * omega * t_s
     chord = (np.expm1(turn) / turn if abs(turn) > 1e-8 else 1.0 + turn / 2) * t_s * (vx + 1j * vy)
     np.testing.assert_allclose(
@@ -129,7 +129,7 @@ def test_a_constant_twist_is_an_arc_to_the_last_digit(
 
 
 def test_tilting_and_coming_back_leaves_no_more_than_was_driven() -> None:
-    """The terms in the gimbal rates cancel over a closed movement, at any period."""
+    """The gimbal-rate terms cancel over a closed movement, for any period."""
     for dt_s in (0.002, 0.01, 0.04):
         odometry = new_odometry()
         for t_s in np.arange(0.0, 1.0 + dt_s / 2, dt_s):
@@ -179,7 +179,7 @@ def test_covariances_are_symmetric_and_never_negative(script: list[Array]) -> No
 
 
 WHITE = JointErrors(angle_rad=4e-4)
-"""Errors that are new in each sample."""
+"""Errors drawn independently for each sample."""
 ANGLES = JointErrors(angle_rad=4e-4, zero_rad=2e-4)
 """Errors whose effect does not depend on the motion."""
 
@@ -210,7 +210,7 @@ def test_what_a_wrong_spin_adds_on_the_way_out_it_takes_off_on_the_way_back() ->
 
 @given(twist=twists, heading=st.floats(-3.0, 3.0))
 def test_how_much_is_known_does_not_depend_on_where_north_is(twist: Array, heading: float) -> None:
-    """Turned as a whole, the same drive has the same covariance, turned."""
+    """A rotated drive has the rotated covariance."""
     straight, turned = new_odometry(ROBOT.joint_errors()), new_odometry(ROBOT.joint_errors())
     turned.set_pose(SE2(np.array([0.0, 0.0, heading])))
     for odometry in (straight, turned):
@@ -230,7 +230,7 @@ def test_how_much_is_known_does_not_depend_on_where_north_is(twist: Array, headi
 def test_what_joints_contradict_one_another_by_is_doubted_as_much(
     twist: Array, joint: int, off_rad: float
 ) -> None:
-    """A gimbal that sticks: variances grow as the squares of what no motion explains."""
+    """With a stuck gimbal, variances grow with the squares of the residual."""
     doubts, lefts = [], []
     for size in (0.0, off_rad, 2.0 * off_rad):
         joints = DRIVE.inverse(twist)
@@ -256,16 +256,16 @@ FLOOR = FloorErrors(
     restore_up_s=0.12,
     restore_down_s=0.3,
 )
-"""Errors of three causes, none of which turns the robot."""
+"""Errors with three causes, none of which turns the robot."""
 START_MPS = [*[0.0] * 20, *np.linspace(0.0, 0.5, 13), *[0.5] * 92]
 """Speeds during 1.25 s: at rest, then accelerating at 4 m/s2."""
 
 
 def spread_of(floor: FloorErrors, joints: Sequence[Array]) -> Array:
-    """Standard deviations (3,) by the floor alone after steps at `joints` (n,), from rest."""
+    """Standard deviations (3,) from the floor alone, after steps at `joints` (n,) from rest."""
     variances: list[Array] = []
     for each in (floor, FloorErrors()):
-        # Without any noise of angles, their interpolation would be doubted.
+        # Without angle noise, interpolation would be doubted.
         odometry = new_odometry(JointErrors(angle_rad=1e-4, floor=each))
         drive_for(odometry, np.zeros(3), 0.1)
         odometry.set_pose(SE2.identity())
@@ -276,13 +276,13 @@ def spread_of(floor: FloorErrors, joints: Sequence[Array]) -> Array:
 
 
 def test_drag_lag_and_lost_energy_at_a_start_are_independent() -> None:
-    """A start to 1 m/s within 0.25 s, and two metres: drag, slip and lost energy."""
+    """A start to 1 m/s within 0.25 s, then 2 m: drag, slip and lost energy."""
     speeds = np.minimum(4.0 * DT_S * np.arange(225), 1.0)
     joints = [DRIVE.inverse(np.array([speed, 0.0, 0.0])) for speed in speeds]
     alone = [
         spread_of(floor, joints)[0]
         for floor in (
-            # Without any lag there is no floor.
+            # Without lag there is no floor term.
             replace(FLOOR, slip_lag_s=1e-9, droop_s2_per_m2=0.0),
             replace(FLOOR, speed_scale_sigma=0.0, droop_s2_per_m2=0.0),
             replace(FLOOR, slip_lag_s=1e-9, speed_scale_sigma=0.0),
@@ -290,13 +290,13 @@ def test_drag_lag_and_lost_energy_at_a_start_are_independent() -> None:
     ]
     assert alone[0] == pytest.approx(0.01 * DT_S * speeds.sum(), rel=0.05)
     assert alone[1] == pytest.approx(0.012 * 1.0, rel=0.05)
-    # The motors restore it while the robot still speeds up.
+    # The motors restore it during the acceleration.
     assert 0.5 * 0.08 * 0.12 < alone[2] < 0.08 * 0.12
     assert spread_of(FLOOR, joints)[0] == pytest.approx(math.hypot(*alone), rel=1e-3)
 
 
 def test_faster_wheels_slide_further_and_turn_the_robot_faster() -> None:
-    """At twice the speed of the wheels the rim of their contact patch is twice as fast."""
+    """At twice the wheel speed, the rim of the contact patch is twice as fast."""
     fast = replace(DRIVE, spin_rad_per_s=2.0 * SPIN_RAD_PER_S)
     lag = FloorErrors(SPIN_RAD_PER_S, slip_lag_s=0.01)
     turn = FloorErrors(SPIN_RAD_PER_S, slip_lag_s=1e-9, turn_rad_per_s=0.002)
@@ -311,7 +311,7 @@ def test_faster_wheels_slide_further_and_turn_the_robot_faster() -> None:
 
 
 def test_wheels_that_change_their_speed_turn_the_robot() -> None:
-    """By the lag at the mean speed, times the turn rate that the change of the spin is worth."""
+    """By the lag at the mean speed, times the turn rate equivalent to the change of the spin."""
     floor = FloorErrors(SPIN_RAD_PER_S, slip_lag_s=0.01, turn_per_spin=0.001)
     at_rest = DRIVE.inverse(np.zeros(3))
     shares = [*[1.0] * 20, *np.linspace(1.0, 2.0, 50), *[2.0] * 30]
@@ -319,22 +319,22 @@ def test_wheels_that_change_their_speed_turn_the_robot() -> None:
     expected_rad = 0.01 * 1.5 * 3.0 * 0.001 * SPIN_RAD_PER_S
     turned_rad = spread_of(floor, joints)[2]
     assert turned_rad == pytest.approx(expected_rad, rel=0.1)
-    # It turns back when they get slower again, but for a random quarter of the rate, which lasts
-    # 0.2 s, in both changes of 0.5 s.
+    # It turns back when they slow down, except for a random quarter of the rate, which lasts 0.2 s,
+    # in both changes of 0.5 s.
     left_rad = 0.25 * expected_rad * math.sqrt(2.0 * 0.2 / 0.5)
     assert spread_of(floor, joints + joints[:20:-1])[2] == pytest.approx(left_rad, rel=0.1)
-    # It does not turn while they keep their speed.
+    # It does not turn at constant wheel speed.
     assert spread_of(floor, joints + 100 * joints[-1:])[2] == pytest.approx(turned_rad, rel=1e-6)
 
 
 def test_a_robot_that_has_stopped_does_not_slide_on() -> None:
-    """Also if its encoders show the same steps ever since."""
+    """Also if its encoders have shown the same steps since."""
     floor = FloorErrors(SPIN_RAD_PER_S, slip_lag_s=0.01)
     speeds_mps = [*START_MPS, *np.linspace(0.5, 0.0, 12), *[0.0] * 400]
     joints = [DRIVE.inverse(np.array([speed, 0.0, 0.0])) for speed in speeds_mps]
     assert spread_of(floor, joints[: len(START_MPS)])[0] == pytest.approx(5e-3, rel=0.05)
     # A random quarter of the slip does not cancel. It lasts 0.2 s, in two accelerations of 0.12 s,
-    # which fill a period of 0.1 s of the refresh more or less.
+    # which roughly fill a refresh period of 0.1 s.
     shortest, longest = (0.25 * 5e-3 * math.sqrt(2.0 * 0.2 / lasts_s) for lasts_s in (0.22, 0.12))
     assert shortest < spread_of(floor, joints)[0] < longest
     assert spread_of(floor, joints + 200 * joints[-1:])[0] == pytest.approx(
@@ -369,7 +369,7 @@ def test_constant_errors_spread_as_far_as_is_claimed(twist: list[float], turned:
     wrong = joints + np.where(is_wheel, (own + common) * joints, zeros)
     ends = DRIVE.integrate(start, DRIVE.forward(wrong).twist, seconds)
     errors = exponential_error(claim.pose, ends)
-    # Squared distance in units of the claim: three on average if the claim is right.
+    # The normalized squared distance averages three if the covariance is right.
     squared = np.einsum("ij,jk,ik->i", errors, np.linalg.inv(claim.pose_covariance), errors)
     assert 2.5 < squared.mean() < 3.5
     plane = claim.pose_covariance[:2, :2]
@@ -380,7 +380,7 @@ def test_constant_errors_spread_as_far_as_is_claimed(twist: list[float], turned:
 
 
 def test_the_twist_at_the_end_of_a_step_is_that_of_its_end() -> None:
-    """Speeding up evenly, half a step is half of what a step adds: 0.1 rad/s at 20 rad/s2."""
+    """At constant acceleration, half a step adds half: 0.1 rad/s at 20 rad/s2."""
     odometry = new_odometry()
     for i in range(15):
         odometry.advance(DRIVE.inverse(np.array([0.0, 0.0, 20.0 * DT_S * i])), DT_S)

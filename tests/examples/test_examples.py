@@ -1,4 +1,4 @@
-"""Every script in `examples/` runs, shows what its first line says, and is short."""
+"""Every script in `examples/` is short, runs, and shows the result in its first line."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def endpoint(mock: Program) -> str:
 
 
 def run(name: str, folder: Path, *arguments: str) -> str:
-    """Run a script with `folder` as its working directory, and return what it prints."""
+    """Run a script in `folder` as working directory, and return its output."""
     return run_script(FOLDER / f"{name}.py", folder, *arguments)
 
 
@@ -124,7 +124,7 @@ def test_pose_sensor(tmp_path: Path) -> None:
 def test_ask_for_control(endpoint: str, tmp_path: Path) -> None:
     said = run("08_ask_for_control", tmp_path, endpoint).splitlines()
     assert said == ["alice has control", "bob asks for control", "bob has control"]
-    # What refuses Alice ends the script: Bob does not wait for her.
+    # The refusal ends the script, because Bob does not wait for Alice.
     command = [sys.executable, str(FOLDER / "08_ask_for_control.py"), endpoint]
     with tsd_twin.connect(endpoint) as robot, robot.control("carol", arm=False):
         refused = subprocess.run(
@@ -153,7 +153,7 @@ def test_log_to_csv(endpoint: str, tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def recording(endpoint: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A recording of half a metre, which ends with a stop."""
+    """Recording of 0.5 m of driving, which ends with a stop."""
     folder = str(tmp_path_factory.mktemp("drives"))
     recorder = Program(["tsd_record", "--connect", endpoint, "--dir", folder])
     try:
@@ -236,13 +236,13 @@ def drive_by_sliders(robot: tsd_twin.RobotClient, viewer: ViserClient) -> None:
             viewer.set("STOP", True)
             until(robot, lambda: robot.state.mode == "stopped")
             viewer.until(lambda: viewer.control("Forward (m/s)").value == 0.0)
-            robot.sleep(0.5)  # A robot that hears commands refuses its reset.
+            robot.sleep(0.5)  # A robot that receives commands refuses a reset.
             viewer.set("Reset", True)
             until(robot, lambda: robot.state.mode == "disarmed")
 
 
 def metres_ahead(start: PlanarPose, node: Node) -> float:
-    """How far a node is ahead of a pose: earlier scripts leave the robot at any heading."""
+    """Distance of a node ahead of a pose, because earlier scripts leave any heading."""
     x_m, y_m = node.position[0] - start.x_m, node.position[1] - start.y_m
     return x_m * math.cos(start.heading_rad) + y_m * math.sin(start.heading_rad)
 
@@ -257,38 +257,42 @@ def until(robot: tsd_twin.RobotClient, condition: Callable[[], bool]) -> None:
 
 @pytest.mark.system
 def test_a_script_that_is_killed_leaves_the_robot_at_rest_within_its_allowance(
-    mock: Program, endpoint: str, tmp_path: Path
+    tmp_path: Path,
 ) -> None:
-    """`01_drive.py` dies of SIGKILL at speed: nothing is said, nothing is given back."""
-    command = [sys.executable, str(FOLDER / "01_drive.py"), endpoint]
-    with tsd_twin.connect(endpoint) as robot:
-        script = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL)
-        try:
-            for state in robot.states(PATIENCE_S):
-                assert state.truth is not None
-                if state.mode == "driving" and state.truth.twist.vx_mps > 0.4:
-                    break
-                assert script.poll() is None, "it has ended before it drove"
-        finally:
-            os.kill(script.pid, signal.SIGKILL)
-            withheld = WithheldTime(mock.process.pid, os.getpid())
-            killed = robot.state
-            script.wait()
-        assert killed.truth is not None
-        assert killed.truth.twist.vx_mps > 0.2, "it was killed too late to show anything"
-        end_s = time.monotonic() + PATIENCE_S
-        while robot.state.mode != "ready":
-            assert time.monotonic() < end_s
-            robot.sleep(0.02)
-        robot.sleep(0.5)  # The joints follow late.
-        rested = robot.state
-        assert rested.truth is not None
-        way_m = math.dist(killed.truth.pose[:2], rested.truth.pose[:2])
-        allowance_m = robot.description.limits.stop_allowance_m
-        assert way_m <= allowance_m + killed.truth.twist.vx_mps * withheld.total_s
-        seen = [state.truth.pose[:2] for state in robot.states(2.0) if state.truth is not None]
-        assert len(seen) > 50
-        assert max(math.dist(pose, rested.truth.pose[:2]) for pose in seen) < 0.002
-        # The lease has run out: another program may drive.
-        with robot.control("next", take_over=False) as base:
-            base.drive(vx_mps=-0.2, duration_s=0.3)
+    """`01_drive.py` is killed by SIGKILL at speed, without a zero command or a release."""
+    with mock_robot(shipped=True) as mock:
+        endpoint = mock.ready().split()[-1]
+        command = [sys.executable, str(FOLDER / "01_drive.py"), endpoint]
+        with tsd_twin.connect(endpoint) as robot:
+            script = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL)
+            try:
+                for state in robot.states(PATIENCE_S):
+                    assert state.truth is not None
+                    if state.mode == "driving" and state.truth.twist.vx_mps > 0.4:
+                        break
+                    assert script.poll() is None, "it has ended before it drove"
+            finally:
+                os.kill(script.pid, signal.SIGKILL)
+                withheld = WithheldTime(mock.process.pid, os.getpid())
+                killed = robot.state
+                script.wait()
+            assert killed.truth is not None
+            assert killed.truth.twist.vx_mps > 0.2, "it was killed too late to show anything"
+            end_s = time.monotonic() + PATIENCE_S
+            while robot.state.mode != "ready":
+                assert time.monotonic() < end_s
+                robot.sleep(0.02)
+            robot.sleep(0.5)  # The joints lag behind.
+            rested = robot.state
+            assert rested.truth is not None
+            way_m = math.dist(killed.truth.pose[:2], rested.truth.pose[:2])
+            allowance_m = robot.description.limits.stop_allowance_m
+            assert way_m <= allowance_m + killed.truth.twist.vx_mps * withheld.total_s
+            with WithheldTime(mock.process.pid, os.getpid()) as withheld:
+                states = list(robot.states(2.0))
+            seen = [state.truth.pose[:2] for state in states if state.truth is not None]
+            assert len(seen) > 50 - 50.0 * withheld.total_s
+            assert max(math.dist(pose, rested.truth.pose[:2]) for pose in seen) < 0.002
+            # The lease has expired, so another program may drive.
+            with robot.control("next", take_over=False) as base:
+                base.drive(vx_mps=-0.2, duration_s=0.3)

@@ -13,6 +13,7 @@ ROUNDS = 5000
 SPOILT = (
     ("packet.c", "length > PACKET_LONGEST - HEADER ? 0", "length > 300 ? 0"),
     ("protocol1.c", "reply[3] > sizeof reply - 4", "reply[3] > 250"),
+    ("esc_telemetry.c", "line->count >= ESC_TELEMETRY_PACKET", "line->count > 200"),
     ("protocol2.c", "within(i32(data), MOST_SPEED)", "i32(data)"),
 )
 

@@ -15,7 +15,7 @@ from tsd_twin.hardware.dynamixel.control_table import BoardMode, Refusal, Setup,
 
 DIVIDER, FULL_SCALE, SUPPLY_MV = 4, 1023, 5000
 BANDGAP = 1100 * 1024 // SUPPLY_MV
-"""What the converter says of the bandgap."""
+"""Reading of the bandgap by the converter."""
 MEASURED_S = 0.055
 """After this a voltage that changed has been measured as a whole."""
 BATTERY, DRIVE = 0, 1

@@ -106,7 +106,7 @@ def test_a_pulse_of_which_edges_were_lost_is_none(native_bench: Bench) -> None:
     board.set_receiver((13970, 0, 0, 0, 0, 0))
     run_to(pilot, 0.2359)
     assert wired(pilot)[0] == 0
-    # It began before the loop went on, and all others end in between.
+    # It began before the loop continued, and all others end in between.
     pilot = native_bench.pilot()
     board = pilot.simulation.board
     board.set_receiver((2000, 1100, 1200, 1300, 1400, 1500))

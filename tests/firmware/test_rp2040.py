@@ -12,13 +12,14 @@ from firmware.rp2040 import image
 from firmware.simulator.board import FIRMWARE
 from firmware.simulator.rp2040_board import Rp2040Board
 from tests.support.firmware_host import Bench, FirmwareHost
-from tests.support.firmware_rules import LAWS
+from tests.support.firmware_rules import ALL_LAWS
 from tsd_twin.hardware.dynamixel.control_table import BoardMode, ResetCause, Setup, Trip
 
 OF_THE_HARDWARE = (
     "zero_throttle_from_the_first_millisecond",
     "silence_stops",
     "a_hang_ends_in_a_reset_and_standstill",
+    "broken_telemetry_is_no_wrong_speed",
 )
 """`test_law_holds_on_an_rp2040` has all laws, and takes long."""
 
@@ -31,7 +32,7 @@ def board_of(pilot: FirmwareHost) -> Rp2040Board:
 
 @pytest.mark.parametrize("name", OF_THE_HARDWARE)
 def test_law_of_the_hardware_holds(name: str, rp2040_bench: Bench) -> None:
-    LAWS[name](rp2040_bench)
+    ALL_LAWS[name](rp2040_bench)
 
 
 def test_pulses_are_exact_to_half_a_microsecond_and_gimbals_follow(rp2040_bench: Bench) -> None:

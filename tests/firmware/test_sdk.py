@@ -10,7 +10,7 @@ from tsd_twin.hardware.dynamixel.control_table import ADDRESS, BOARD_ID, FW_VERS
 
 
 class SimulationPort:
-    """A simulation as what the SDK calls a port; its time passes while the SDK waits."""
+    """Simulation behind the port interface of the SDK; its time passes while the SDK waits."""
 
     def __init__(self, simulation: FirmwareSimulation) -> None:
         self.is_using = False

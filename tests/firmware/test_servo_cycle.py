@@ -1,6 +1,6 @@
-"""The cycle of the servos, by what goes over their bus: who is asked for what, and when.
+"""Cycle of the servos, judged by the packets on their bus and their times.
 
-Here without the chip: the program takes no time, so a moment is that of the last byte.
+These tests run without the chip: the program takes no time, so a time is the end of the last byte.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Request:
-    """What the board said on the bus."""
+    """Packets of the board on the bus."""
 
     begin_s: float
     end_s: float
@@ -529,8 +529,8 @@ def drive_moving(
 ) -> tuple[list[list[Request]], set[int]]:
     """Drive with servos that answer after such a delay, and that say that they move.
 
-    They are 100 steps from neutral, at 156,328 steps/s, on the way to 340. Returns whole cycles
-    and all positions that the table had.
+    The servos are 100 steps from neutral and move at 156,328 steps/s towards 340. Returns whole
+    cycles and all positions that the table had.
     """
     # Bytes of the PC have the board look at the bus when a cycle is due.
     pilot.simulation.run(CYCLE_S - pilot.simulation.board.now_s % CYCLE_S)
@@ -563,7 +563,7 @@ def test_with_late_servos_the_request_takes_the_place_of_a_position(native_bench
         check_cycle(cycle, (2,) * 6, goals=True)
     assert seen == {100}
     found, seen = drive_moving(pilot, bus, 940)
-    # On by its velocity for 10 ms; twice, when torque and state of one are asked for in a row.
+    # Motion at its velocity for 10 ms; twice if its torque and state are read in succession.
     assert seen == {100, 100 + 1563, 100 + 2 * 1563}
     without = [i for i, cycle in enumerate(found) if {it.kind for it in cycle} == {GOALS, MOVING}]
     assert {other - one for one, other in pairwise(without)} == {50}
@@ -603,7 +603,7 @@ def test_nothing_is_known_of_servos_with_new_ids(native_bench: Bench) -> None:
 
 
 def test_what_old_ids_still_answer_is_not_taken(native_bench: Bench) -> None:
-    """At whatever moment of a cycle the setup with the new ids comes."""
+    """The setup with the new ids may arrive at any time in a cycle."""
     for version in (1, 2):
         pilot = native_bench.pilot(version).get_ready()
         for moment in range(16):

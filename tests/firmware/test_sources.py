@@ -1,4 +1,4 @@
-"""What the firmware is made from is what the description and the pins' table say."""
+"""The sources of the firmware agree with the description and the table of pins."""
 
 from __future__ import annotations
 
@@ -82,6 +82,6 @@ def test_every_pin_of_the_table_is_in_hal_avr_h() -> None:
     readme = (FIRMWARE / "README.md").read_text(encoding="utf-8")
     for port in re.findall(r"\bP([A-L])[0-7]\b", readme.split("## Flash it")[0]):
         in_code = (FIRMWARE / "hal_avr.h").read_text(encoding="utf-8")
-        # Of the UARTs and the analogue inputs the chip knows the pins itself.
+        # The chip fixes the pins of the UARTs and the analogue inputs.
         assert port in "DEF" or re.search(rf"(?:PORT|PIN|DDR){port}\b", in_code), port
     assert (BUILD / "firmware.elf").exists()

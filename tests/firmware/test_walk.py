@@ -1,7 +1,7 @@
 """Anything may happen in any order: no wheel is driven that nobody may have wanted to turn.
 
-The oracle knows what was sent and done, and nothing of the firmware: it says when a pulse above
-zero throttle could be right, and any other is wrong.
+The oracle uses the inputs of the board, not its firmware: it decides when a pulse above zero
+throttle can be right, and every other is wrong.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ GRACE_S = 0.15
 
 
 class Oracle:
-    """Who could have the joints, by what was sent and done."""
+    """Sources that can control the joints, derived from the inputs of the board."""
 
     def __init__(self) -> None:
         self._zero_was_sent = False
@@ -29,7 +29,7 @@ class Oracle:
         self._beat_s = -np.inf
         self._event_s = -np.inf
         self.obstacles: set[str] = set()
-        """What keeps everybody from the joints as long as it lasts."""
+        """Conditions that exclude every source from the joints while they last."""
         self.manual = False
 
     def sent(self, arm: int, now_s: float, *, fresh: bool) -> None:
@@ -48,12 +48,12 @@ class Oracle:
         self._asked_since_event = False
 
     def event(self, now_s: float) -> None:
-        """Something happened that takes the joints away from who has them."""
+        """An event that takes the joints from the present source."""
         self._lose(now_s)
         self._event_s = now_s
 
     def restarted(self, now_s: float) -> None:
-        """A board that starts wants to be asked anew, from 0 to 1."""
+        """A board that starts requires a new request, from 0 to 1."""
         self._zero_was_sent = False
         self.event(now_s)
 

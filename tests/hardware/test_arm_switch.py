@@ -1,4 +1,4 @@
-"""Arming the board: on purpose only, and never again by itself."""
+"""Arming the board: only on request, and never again automatically."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tests.support.wired_machines import Bench, Person, WiredMega
-from tests.support.wiring_errors import TSD, CanMachine, MegaMachine
+from tests.support.wiring_errors import TSD, MegaMachine, U2D2Machine
 from tsd_twin.hardware.commissioning import findings, verdicts
 from tsd_twin.hardware.commissioning.findings import FindingCode, found
 from tsd_twin.hardware.commissioning.leaving import LEAVING, leave_on_signals
@@ -77,7 +77,7 @@ def test_page_lists_all_steps(it: MegaMachine, file: Path) -> None:
 
 
 def test_motors_are_plugged_in_after_all_else() -> None:
-    for machine in (MegaMachine, CanMachine):
+    for machine in (MegaMachine, U2D2Machine):
         steps = steps_for(machine.kind, TSD.kinematics().joints)
         plugged = next(i for i, step in enumerate(steps) if step.name == "plugged")
         assert {type(step) for step in steps[plugged + 1 :] if step.name != "restarted"} == {Turn}

@@ -1,4 +1,4 @@
-"""Between joints and what goes over the wire."""
+"""Conversion between joints and values on the wire."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_each_motor_gets_the_pulse_for_the_drive_speed_by_its_own_curve(rpm: flo
 
 
 def test_a_calibration_is_taken_off_goals_and_throttles_and_put_onto_what_is_measured() -> None:
-    """Module 1 stands 1 degree, 11.4 steps, out when told zero; wheel 2 turns 10 % too fast."""
+    """At goal zero, module 1 is off by 1 degree, 11.4 steps; wheel 2 turns 10 % too fast."""
     text = robots.read_description("tsd") + (
         "\n[calibration]\ntilt_offset_deg = [[1.0, -2.0], [0.0, 0.0], [0.0, 0.5]]\n"
         "spin_scale = [1.0, 1.1, 1.0]\n"

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsd_twin.hardware.serial_transport import LIMIT, WINDOW_S, LinkHealth
+from tsd_twin.hardware.link_health import LIMIT, WINDOW_S, LinkHealth
 from tsd_twin.messages.codes import Code
 
 pytestmark = pytest.mark.computes

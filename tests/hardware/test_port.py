@@ -15,14 +15,8 @@ import pytest
 import serial
 from serial.tools import list_ports_common
 
-from tsd_twin.hardware.serial_transport import (
-    HardwareError,
-    _open_error,
-    chip_warning,
-    close_port,
-    open_port,
-    persistent_name,
-)
+from tsd_twin.hardware.serial_ports import chip_warning, open_error, persistent_name
+from tsd_twin.hardware.serial_transport import HardwareError, close_port, open_port
 
 TIOCGEXCL = 0x80045440
 """Linux: whether a terminal is locked with TIOCEXCL."""
@@ -128,7 +122,7 @@ def test_without_permission_it_says_what_group_to_join() -> None:
     try:
         raise serial.SerialException(errno.EACCES, "could not open port x: Permission denied")
     except serial.SerialException as error:
-        sentence = _open_error("/dev/ttyACM0", error)
+        sentence = open_error("/dev/ttyACM0", error)
     assert "no permission to open /dev/ttyACM0" in sentence
     assert "dialout" in sentence
 

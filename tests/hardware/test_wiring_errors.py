@@ -11,15 +11,18 @@ from tests.support.wired_machines import Bench
 from tests.support.wiring_errors import (
     ERRORS,
     BusWheels,
-    CanMachine,
+    CanWheelsMachine,
     MegaMachine,
+    MegaWithSensors,
+    Rp2040WithTelemetry,
+    U2D2Machine,
     Wired,
     WiringError,
 )
 from tsd_twin.hardware.commissioning.sheet import read_sheet
 from tsd_twin.hardware.commissioning.steps import Swing, Turn
 
-MACHINES = (MegaMachine, BusWheels, CanMachine)
+MACHINES = (MegaMachine, BusWheels, U2D2Machine, CanWheelsMachine)
 
 
 def walk(bench: Bench, machine: Wired, file: Path) -> list[str]:
@@ -29,7 +32,7 @@ def walk(bench: Bench, machine: Wired, file: Path) -> list[str]:
     return said
 
 
-@pytest.mark.parametrize("machine", MACHINES)
+@pytest.mark.parametrize("machine", [*MACHINES, MegaWithSensors, Rp2040WithTelemetry])
 def test_sound_machine_passes(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, machine: type[Wired]
 ) -> None:

@@ -18,7 +18,7 @@ MANOEUVRES = (
 
 
 def groups(args: argparse.Namespace) -> Iterator[list[Row]]:
-    """Yield rows that one drive serves."""
+    """Yield groups of rows that share a drive."""
     for robot in args.robots:
         if robot == "atlas":
             names = [name for name in args.manoeuvres or SPHERE_TWISTS if name in SPHERE_TWISTS]
@@ -45,7 +45,7 @@ def label(odometry: str, camera: str) -> str:
 
 
 def _row(args: argparse.Namespace, robot: str, name: str, odometry: str, camera: str) -> Row:
-    # Rows of one robot do not share their machines, so that means of rows are independent.
+    # Rows of a robot use different machines, so that means over rows are independent.
     place = ([*MANOEUVRES, *BY_NAME, *SPHERE_TWISTS]).index(name)
     first = args.seed + 1000 * place
     row = Row(robot, name, odometry, camera, args.errors, robots=args.count, first=first)

@@ -1,7 +1,7 @@
-"""Machines as built: how each robot of a batch differs from its description.
+"""Machines as built: deviations of each robot of a batch from its description.
 
-All draws are from the standard deviations that a description declares; the arguments add what a
-description may or may not declare. Nothing of the project's simulation is used.
+All draws use the standard deviations declared in a description; arguments add deviations that a
+description may or may not declare. No code of the project's simulation is used.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class Undeclared:
-    """Deviations that hold for all robots of a batch in size, with random signs or directions."""
+    """Undeclared deviations of fixed size for a batch, with random signs or directions."""
 
     gyro_scale: float = 0.0
     mount_deg: float = 0.0
@@ -30,7 +30,7 @@ class Undeclared:
     spin_share: float = 0.0
     """Common relative error of all wheel speeds."""
     edges: bool = False
-    """Wheels stand on the edges of their printed layers."""
+    """Wheels rest on the edges of their printed layers."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +58,7 @@ def gyro_of(table: Any, robots: int, seed: int, undeclared: Undeclared) -> Gyro 
 
 
 def built(table: Any, errors: float, undeclared: Undeclared) -> tuple[float, float, float]:
-    """Standard deviations of places (m) and mounting angles (rad), and the slope (degrees)."""
+    """Standard deviations of positions (m) and mounting angles (rad), and the slope (degrees)."""
     return (
         float(np.hypot(errors * table.place_m, undeclared.place_m)),
         float(np.radians(np.hypot(errors * table.mount_deg, undeclared.mount_deg))),
@@ -67,7 +67,7 @@ def built(table: Any, errors: float, undeclared: Undeclared) -> tuple[float, flo
 
 
 def slope_of(robots: int, seed: int, slope_deg: float) -> np.ndarray:
-    """Acceleration (n, 2) of gravity along floors that slope in random directions."""
+    """Downhill acceleration (n, 2) on floors that slope in random directions."""
     angles = np.random.default_rng([seed, 12]).uniform(0.0, 2.0 * np.pi, robots)
     along = 9.81 * np.sin(np.radians(slope_deg))
     return along * np.stack([np.cos(angles), np.sin(angles)], axis=-1)

@@ -1,8 +1,8 @@
-"""Consistency of the estimates on plants that share nothing with the project's simulation.
+"""Consistency of the estimates on plants that share no code with the simulation.
 
-A row is a robot, a manoeuvre, sensors and what of the machine is not declared. Its cells are the
-mean squared error in units of the stated covariance (three if that is right) and the share of the
-robots within the region that should contain 95 % of them.
+A row is a robot, a manoeuvre, sensors and undeclared machine properties. Its cells are the mean
+normalized squared error (three if the covariance is right) and the fraction of the robots within
+the region that should contain 95 % of them.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ PLANTS: dict[type, Callable[..., Any]] = {
     SphereDescription: SpherePlant,
 }
 WITHIN_95 = 7.815
-"""Squared error that 95 % of right estimates of three numbers do not exceed."""
+"""95 % quantile of the normalized squared error of three numbers."""
 
 
 def plant_of(robot: Any, count: int, seed: int, undeclared: Undeclared | None = None) -> Any:
-    """Robots built from a description, with errors of their own."""
+    """Robots built from a description, with individual errors."""
     return PLANTS[type(robot)](robot, count, seed, undeclared=undeclared)
 
 
@@ -83,7 +83,7 @@ class Cell:
 
 
 class _Planar:
-    """A plant seen as the drives of the research programs see a simulation."""
+    """Adapts a plant to the simulation interface of the research programs."""
 
     def __init__(self, plant: Any) -> None:
         self._plant = plant
@@ -111,7 +111,7 @@ def run_row(row: Row) -> list[Cell]:
 
 
 def run_rows(rows: Sequence[Row]) -> list[list[Cell]]:
-    """Drive the robots of rows that differ in camera and use of the gyro only."""
+    """Drive the robots of rows that differ only in camera and use of the gyro."""
     if isinstance(robots.load_robot(rows[0].robot), SphereDescription):
         return [_sphere(row) for row in rows]
     cases = [

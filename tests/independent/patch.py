@@ -36,7 +36,7 @@ POINTS, SHARES = _points()
 def weights(
     limit_n: np.ndarray, radius_m: np.ndarray | float, slip: np.ndarray, spin: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Friction of contacts, linear in the slip for the speeds of the points as they are.
+    """Friction of contacts, linearized in the slip at the current point speeds.
 
     Args:
         limit_n: (...) friction coefficient times load.

@@ -1,4 +1,4 @@
-"""Robots on wheels with rollers, and a sphere on wheels with two rows: equations of their own.
+"""Robots on roller wheels, and a sphere on two-row wheels, with independent equations.
 
 Written from the mechanics alone, without the project's simulation or kinematics. A roller grips
 along its axle, with friction that grows with the creep and saturates, and rolls along the other
@@ -27,7 +27,7 @@ _ITERATIONS = 3
 
 
 def grip(limit_n: np.ndarray, creep: np.ndarray, saturates_mps: float = CREEP_MPS) -> np.ndarray:
-    """Friction per creep, N per m/s: an arc tangent that reaches `limit_n` far away."""
+    """Friction per creep, N per m/s: an arc tangent that approaches `limit_n`."""
     share = 0.5 * np.pi * np.abs(creep) / saturates_mps
     slope = np.where(share > 1e-6, np.arctan(share) / np.maximum(share, 1e-12), 1.0)
     return limit_n / saturates_mps * slope
@@ -48,7 +48,7 @@ class Wheels:
         self._sum = np.zeros(shape)
 
     def torque(self) -> tuple[np.ndarray, np.ndarray]:
-        """Torque at speed zero, and its fall per speed, over the coming step."""
+        """Torque at speed zero, and its decrease per speed, over the coming step."""
         error = self.goal - self.speed
         wanted = self.gain * error + self._sum
         share = self.speed / self.top
@@ -63,7 +63,7 @@ class Wheels:
 
 
 class RollerPlant:
-    """`robots` platforms built from one description, driven by the same set-points."""
+    """`robots` platforms built from a description, driven by the same setpoints."""
 
     def __init__(
         self,
@@ -125,7 +125,7 @@ class RollerPlant:
 
     def measure(self) -> np.ndarray:
         joints = self.wheels.speed * self.seen_share
-        # A gyro also measures what turns the robot at random, as its mean over the period.
+        # A gyro also measures random turning, as its mean over the period.
         rate = self.rate + self.crept_rad / self.period_s
         if self.tracking is not None:
             return np.column_stack([joints, self.tracking.read(rate)])
@@ -143,7 +143,7 @@ class RollerPlant:
             rows[..., axis, 0], rows[..., axis, 1] = np.cos(angle), np.sin(angle)
             body = angle - ahead[:, None]
             rows[..., axis, 2] = places[..., 0] * np.sin(body) - places[..., 1] * np.cos(body)
-        # The rim moves backwards at the floor: only its part along the axle of the roller creeps.
+        # The rim moves backwards at the floor, and only its part along the roller axle creeps.
         rows[:, range(k), 0, range(3, 3 + k)] = -self.radius_m * np.cos(self.roller)
         own = np.zeros((n, k))
         if self.creeps_m > 0.0:
@@ -194,7 +194,7 @@ class RollerPlant:
             [0.5 * (self.velocity + after[:, :2]), 0.5 * (self.rate + after[:, 2])]
         )
         if self.creeps_m > 0.0:
-            # Each contact walks at random; the robot follows them all as well as it can.
+            # Each contact drifts at random, and the robot follows the least-squares mean.
             grips = rows[..., 0, :3]
             crept = np.einsum("nij,nj->ni", np.linalg.pinv(grips), own)
             self.crept_rad += STEP_S * crept[:, 2]
@@ -243,7 +243,7 @@ class Tracking:
 
 
 class SpherePlant:
-    """`robots` spheres on wheels with two rows of rollers, which take turns to carry.
+    """`robots` spheres on wheels with two alternating rows of rollers.
 
     Weiss, Langlois and Hayes 2008: mounting by Eq. 21 and 23, rows by Eq. 8 to 12.
     """
@@ -329,7 +329,7 @@ class SpherePlant:
         after = state
         for _ in range(_ITERATIONS):
             creep = np.einsum("nkj,nj->nk", rows, after)
-            # Stiff contacts: a sphere that a description declares to roll without creep.
+            # Stiff contacts, for a sphere described as rolling without creep.
             viscous = grip(np.full((n, k), self.limit_n), creep, 0.1 * CREEP_MPS)
             matrix = damped + np.einsum("nki,nk,nkj->nij", rows, viscous, rows)
             after = np.linalg.solve(matrix, known[..., None])[..., 0]

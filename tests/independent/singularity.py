@@ -25,7 +25,7 @@ _ITERATIONS = 2
 
 
 class SingularityPlant:
-    """`robots` machines built from one description, driven by the same set-points."""
+    """`robots` machines built from a description, driven by the same setpoints."""
 
     def __init__(
         self,
@@ -91,7 +91,7 @@ class SingularityPlant:
         # State.
         self.pose = np.zeros((robots, 3))
         self.velocity = np.zeros((robots, 2))
-        """Over the floor, in the world."""
+        """Velocity over the floor, in the world frame."""
         self.rate = np.zeros(robots)
         self.angles = self.zero.copy()
         """(n, k, 2): alpha, beta."""
@@ -101,7 +101,7 @@ class SingularityPlant:
         self.goal = self.zero.copy()
         self.spin_goal = np.zeros(shape)
         self.force = np.zeros((*shape, 2))
-        """Of the floor on each wheel, in the axes of its module."""
+        """Force of the floor on each wheel, in module axes."""
         self.twisting = np.zeros(shape)
         self.acceleration = np.zeros((robots, 2))
         self.friction_power = np.zeros(robots)
@@ -110,7 +110,7 @@ class SingularityPlant:
         self._steps = 0
 
     def command(self, setpoint: np.ndarray) -> None:
-        """Give the same set-points (3 k,) to all robots; they take effect after the delay."""
+        """Give the same setpoints (3 k,) to all robots; they take effect after the delay."""
         self._queue.append((self._steps + self.delay, np.array(setpoint)))
 
     def _obey(self, setpoint: np.ndarray) -> None:
@@ -194,7 +194,7 @@ class SingularityPlant:
         radius = self.radius_m
         level, up = axle[..., :2], axle[..., 2]
         if self.edges and self.layer_m > 0.0:
-            # A wheel stands on the edge of a layer: the lever is that of the edge.
+            # On printed layers, a wheel rests on a layer edge, which determines the lever.
             tilt = np.arccos(np.clip(up, -1.0, 1.0))
             height = radius * (1.0 - np.cos(tilt)) / self.layer_m + self.phase / (2.0 * np.pi)
             edge = np.maximum(np.rint(height) - self.phase / (2.0 * np.pi), 0.0)

@@ -1,7 +1,7 @@
-"""Stated covariances on plants that share nothing with the simulator, in manoeuvres of many kinds.
+"""Stated covariances on independent plants, in many kinds of manoeuvres.
 
-`python -m tests.independent` prints the whole table; these are rows that once were wrong. Limits
-are those that one in thousands of right estimates exceeds; seeds are not those of tuning.
+`python -m tests.independent` prints the whole table; these rows once failed. One in thousands of
+correct estimates exceeds the limits; the seeds were not used for tuning.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ def declared(robot: str, **errors: float) -> dict[str, Any]:
     ids=lambda row: f"{row.robot} {row.manoeuvre} {row.odometry}",
 )
 def test_errors_are_as_large_as_the_covariance_says_on_another_plant(row: Row) -> None:
-    """Mean squared error in units of the covariance: three, of three numbers."""
+    """The mean normalized squared error of three numbers should be three."""
     for cell in run_row(row):
         assert 0.5 < cell.nees < 6.5
         assert cell.share >= 0.6
 
 
 def test_a_mounting_angle_that_is_not_declared_shows() -> None:
-    """The table would be of no use if it could not fail."""
+    """Shows that the table can fail."""
     row = few("kiwi", "figure eight", JOINTS, undeclared=Undeclared(mount_deg=0.5))
     assert max(cell.nees for cell in run_row(row)) > 8.0

@@ -1,4 +1,4 @@
-"""The independent plants against cases that have an answer on paper, not against our code."""
+"""The independent plants against cases with an analytic solution."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ PERIOD_S = 0.01
 
 
 def exact(robot: Any, **floor: float) -> Any:
-    """The plant of one robot without any error."""
+    """The plant of a single robot without errors."""
     if floor:
         robot = msgspec.structs.replace(robot, floor=msgspec.structs.replace(robot.floor, **floor))
     return SingularityPlant(robot, 1, 0, errors=0.0, noise=0.0)
 
 
 def joints(tilt_rad: float, towards: float = 0.0, spin: float = SPIN) -> np.ndarray:
-    """Set-points of a tsd whose axles all tip in one direction of the floor."""
+    """Setpoints of a tsd whose axles all tip in the same direction of the floor."""
     out = []
     for azimuth in np.radians(TSD.drive.azimuths_deg):
         # The axle's level part, in the module: X is clockwise of the outward Y.
@@ -96,7 +96,7 @@ def test_tipped_axles_roll_at_the_speed_of_their_contact(towards: float) -> None
 
 
 def test_wheels_without_a_motor_are_braked_by_the_moment_of_their_patches() -> None:
-    """I dw/dt = -mu N 3 pi / 16 a, until they stand; no energy is gained on the way."""
+    """I dw/dt = -mu N 3 pi / 16 a until rest, with no gain of energy."""
     plant = exact(TSD, friction=0.8, patch_radius_m=0.002)
     plant.up_s = plant.down_s = 1e9
     plant.spin[:] = 60.0
@@ -145,7 +145,7 @@ def test_a_slope_makes_a_robot_creep_by_the_viscous_slip_of_its_wheels() -> None
     plant.command(joints(0.0))
     plant.advance(2.0)
     speed = np.hypot(*plant.velocity.T)
-    # All of the weight's part along the floor is carried by sliding.
+    # Sliding carries the entire downhill component of the weight.
     push = 9.81 * np.sin(np.radians(1.0))
     lag_s = 8.0 / (3.0 * np.pi) * 0.0005 * float(plant.spin.mean()) / (0.8 * 9.81)
     lean = push * TSD.mass.total_kg / 3.0 * 0.04 / 29.1 * 0.04 * float(plant.spin.mean())

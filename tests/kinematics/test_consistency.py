@@ -1,4 +1,4 @@
-"""Modules that disagree leave a residual, and the guilty one explains it."""
+"""Inconsistent modules leave a residual, which the faulty module explains."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_one_module_that_disagrees_is_seen_and_blamed(
     off: float,
     data: st.DataObject,
 ) -> None:
-    """What is left without the guilty one is nothing, so nobody explains as much as it does."""
+    """Without the faulty module no residual remains, so it explains the most."""
     joints = kinematics.inverse(within_limit(kinematics, direction, share)).reshape(-1, 3)
     guilty = data.draw(st.integers(0, kinematics.modules - 1))
     joints[guilty, data.draw(st.integers(0, 1))] += off
@@ -61,7 +61,7 @@ def test_blame_is_what_leaving_a_module_out_takes_off_the_residual(data: st.Data
         rows, values = h[rest].reshape(-1, 3), v[rest].reshape(-1)
         left = values - rows @ np.linalg.lstsq(rows, values, rcond=None)[0]
         taken = residual @ residual - left @ left
-        # Squares of the smallest numbers are none.
+        # Squares of the smallest numbers underflow.
         tolerance = max(1e-9 * (v * v).sum(), np.finfo(float).tiny)
         assert fault_contribution == pytest.approx(taken, rel=1e-6, abs=tolerance)
 
@@ -71,7 +71,7 @@ def test_blame_is_what_leaving_a_module_out_takes_off_the_residual(data: st.Data
 def test_the_same_droop_of_all_spins_leaves_no_residual(
     kinematics: SingularityKinematics, direction: Array, share: float, droop: float
 ) -> None:
-    """Why this is called a consistency monitor and not a slip sensor."""
+    """Hence the name consistency monitor instead of slip sensor."""
     twist = within_limit(kinematics, direction, share)
     joints = kinematics.inverse(twist).reshape(-1, 3)
     joints[:, 2] *= 1.0 - droop

@@ -1,4 +1,4 @@
-"""Laws of every drive kind with any geometry."""
+"""Properties of every drive kind with any geometry."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def test_moving_in_two_halves_is_moving_once(
 def test_blame_is_what_leaving_a_wheel_out_takes_off_the_residual(
     kinematics: OmniKinematics | SphereKinematics, seed: int
 ) -> None:
-    """Wheels that disagree, against least squares without each of them."""
+    """Inconsistent wheels, against least squares without each of them."""
     joints = np.random.default_rng(seed).normal(size=len(kinematics.joints))
     residual = kinematics.forward(joints).residual
     rows = kinematics.wheel_radius_m * kinematics.speeds_from_twist
@@ -135,7 +135,7 @@ def test_blame_is_what_leaving_a_wheel_out_takes_off_the_residual(
     for i, fault_contribution in enumerate(kinematics.fault_contribution(residual)):
         rest = [j for j in range(kinematics.wheels) if j != i]
         if np.linalg.matrix_rank(rows[rest], tol=1e-3 * np.abs(rows).max()) < 3:
-            continue  # Without it nothing is left over: nobody can tell.
+            continue  # Without it no residual is left, which is ambiguous.
         left = values[rest] - rows[rest] @ np.linalg.lstsq(rows[rest], values[rest], rcond=None)[0]
         taken = residual @ residual - left @ left
         assert fault_contribution == pytest.approx(taken, rel=1e-5, abs=1e-9 * (values @ values))

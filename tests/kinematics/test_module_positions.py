@@ -1,7 +1,7 @@
-"""Modules at any positions: laws against the velocity of a rigid body and of a rolling sphere.
+"""Modules at any positions, against rigid-body velocities and rolling spheres.
 
-The reference has nothing of the package in it: a point of a body moves at v + omega x r, and a
-sphere that spins about its axle at `spin` rolls at spin axle x (radius up).
+The reference uses no code of the package: a point of a body moves at v + omega x r, and a sphere
+that spins about its axle at `spin` rolls at spin axle x (radius up).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ coordinates = st.floats(-1.0, 1.0)
 
 @st.composite
 def layouts(draw: st.DrawFn) -> Array:
-    """Two to six positions, no two of them closer than 0.1 m, some with one in the centre."""
+    """Two to six positions, at least 0.1 m apart, some with one in the centre."""
     count = draw(st.integers(2, 6))
     points = [(draw(coordinates), draw(coordinates)) for _ in range(count)]
     if draw(st.booleans()):
@@ -57,8 +57,8 @@ def rigid_body(points: Array, twist: Array) -> Array:
 def rolling(drive: SingularityKinematics, points: Array, joints: Array) -> Array:
     """Velocities (..., k, 2) of the wheel centres: spin axle x (radius up), by the gimbal frames.
 
-    The outer gimbal turns about the direction from the centre to the pivot, beta; the inner one
-    about the axis that is tangential at rest, -alpha.
+    The outer gimbal turns by beta about the direction from the centre to the pivot; the inner one
+    by -alpha about the axis that is tangential at rest.
     """
     modules = joints.reshape(-1, len(points), 3)
     velocities = np.empty((*modules.shape[:2], 2))
@@ -114,7 +114,7 @@ def test_no_module_tilts_beyond_its_limit_and_the_direction_stays(
 @settings(deadline=None, max_examples=15)
 @given(layouts(), twists())
 def test_covariance_of_the_twist_matches_random_errors(points: Array, twist: Array) -> None:
-    """Zeros of gimbals that are off at random: least squares over rigid-body rows, 20,000 times."""
+    """With random gimbal zero errors: least squares over rigid-body rows, 20,000 times."""
     drive, sigma, count = drive_at(points), 1e-3, 20_000
     odometry = PlanarOdometry(drive, JointErrors(zero_rad=sigma))
     joints = drive.inverse(drive.limit(twist))

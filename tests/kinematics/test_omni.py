@@ -1,4 +1,4 @@
-"""Wheels with rollers: the rows of the paper, another library, and rollers as solid bodies."""
+"""Wheels with rollers against the paper's rows, another library, and rigid-body rollers."""
 
 from __future__ import annotations
 
@@ -60,10 +60,10 @@ def test_mecanum_agrees_with_wpimath(twist: tuple[float, float, float]) -> None:
 def test_rollers_slip_only_where_they_roll_freely(
     kinematics: OmniKinematics, direction: Array
 ) -> None:
-    """Solid bodies: hub on the chassis, rim about the hub, roller about its own axle in the rim.
+    """Rigid bodies: hub on the chassis, rim about the hub, roller about its axle in the rim.
 
-    A roller can spin at any rate, which moves its lowest point across its axle and nowhere else; so
-    there is a rate at which that point rests on the floor, and only if it moves across.
+    A roller can spin at any rate, which moves its lowest point across its axle only. So there is a
+    rate at which that point rests on the floor, if and only if it moves across.
     """
     twist = direction / kinematics.joint_utilization(direction)
     speeds = kinematics.inverse(twist)
@@ -73,7 +73,7 @@ def test_rollers_slip_only_where_they_roll_freely(
         forward = flat(kinematics.directions_rad[i])
         axle = flat(kinematics.directions_rad[i] + kinematics.rollers_rad[i])
         hub = np.array([twist[0], twist[1], 0.0]) + np.cross(turning, at)
-        # A wheel that drives forward turns about the axis that is on its left.
+        # A wheel that drives forward turns about the axis to its left.
         rim = hub + np.cross(
             turning + speeds[i] * np.cross(Z, forward), -kinematics.wheel_radius_m * Z
         )
@@ -85,7 +85,7 @@ def test_rollers_slip_only_where_they_roll_freely(
 
 
 def test_straight_strafe_and_turn_look_right() -> None:
-    """Front left and rear right wheels of a Mecanum robot run back when it goes left."""
+    """Front left and rear right wheels of a Mecanum robot run backwards when it moves left."""
     kinematics = robots.load_robot("mecanum").kinematics()
     straight, strafe, turn = (kinematics.inverse(np.eye(3)[i]) for i in range(3))
     assert (np.sign(straight) == [1, 1, 1, 1]).all()
@@ -134,7 +134,7 @@ def test_the_way_that_is_named_is_the_one_that_no_wheel_can_push(
 
 
 def test_a_wheel_that_disagrees_with_three_others_is_blamed() -> None:
-    """With four wheels all are equally suspect; a fifth tells them apart."""
+    """With four wheels all are equally suspect; a fifth one distinguishes them."""
     angles = np.arange(5) * 2.0 * np.pi / 5
     positions = 0.2 * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     kinematics = OmniKinematics(positions, angles + np.pi / 2, 0.0 * angles, **WHEELS)

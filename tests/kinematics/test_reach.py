@@ -1,4 +1,4 @@
-"""Reachable twists, against solid bodies that roll: an oracle that knows no gauge and no matrix."""
+"""Reachable twists against rolling rigid bodies, an oracle without gauges and matrices."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ POINTS = 48
 
 
 def reaches(drive: Any, twists: Array) -> Array:
-    """Return for twists (n, 3) whether the drive can do them, by rolling of each wheel alone."""
+    """Return for twists (n, 3) whether the drive can reach them, from each rolling wheel alone."""
     match drive:
         case SingularityKinematics():
             # A pivot moves as fast as the rim of its tilted wheel: r spin sin(tilt).
@@ -39,7 +39,7 @@ def reaches(drive: Any, twists: Array) -> Array:
             ]
             return np.max(speeds, axis=0) <= math.sin(drive.max_tilt_rad)
         case OmniKinematics():
-            # The hub moves along the roller's axle as the rim does: r spin cos(roller).
+            # Along the roller's axle, the hub moves like the rim: r spin cos(roller).
             speeds = []
             for (x, y), forward, roller in zip(
                 drive.positions_m, drive.directions_rad, drive.rollers_rad, strict=True
@@ -49,7 +49,7 @@ def reaches(drive: Any, twists: Array) -> Array:
                 speeds.append(np.abs(along) / (drive.wheel_radius_m * math.cos(roller)))
             return np.max(speeds, axis=0) <= drive.max_speed_rad_per_s
         case SphereKinematics():
-            # The surface moves in the driven direction as the rim does.
+            # In the driven direction, the surface moves like the rim.
             speeds = [
                 np.abs(np.cross(twists, drive.sphere_radius_m * contact) @ push)
                 / drive.wheel_radius_m
@@ -61,7 +61,7 @@ def reaches(drive: Any, twists: Array) -> Array:
 
 
 def spread(drive: Kinematics[Any], seed: int, across: float) -> Array:
-    """Random twists (n, 3) in a box that is `across` times as wide as the single axes reach."""
+    """Random twists (n, 3) in a box `across` times as wide as the reach of single axes."""
     tops = np.diag(largest_twist(drive, np.eye(3)))
     return np.random.default_rng(seed).uniform(-across, across, (SAMPLES, 3)) * tops
 
@@ -109,7 +109,7 @@ def test_the_shadow_covers_every_twist_that_rolls(
 def test_each_point_of_the_shadow_is_reached_and_none_beyond_it(
     drive: Kinematics[Any], plane: tuple[int, int]
 ) -> None:
-    """The third component is searched on grids, ever finer."""
+    """The third component is found by successively finer grids."""
     third = 3 - sum(plane)
     free = np.eye(3)[third]
     for point in shadow(drive, plane, POINTS)[:: POINTS // 6]:
@@ -150,7 +150,7 @@ def test_the_shadow_of_wheels_that_roll_is_that_of_the_corners_of_their_polytope
     lengths = np.linalg.norm(seen, axis=-1)
     most = np.linalg.norm(largest_projection(drive, seen, third), axis=-1)
     assert (lengths <= most * (1.0 + 1e-6)).all()
-    # The point of a polygon that is farthest from zero is a corner of it.
+    # The farthest point of a polygon from zero is a corner.
     far = int(lengths.argmax())
     assert lengths[far] == pytest.approx(most[far], rel=1e-6)
 
@@ -173,7 +173,7 @@ def test_the_drive_of_the_thesis_is_as_fast_in_every_direction() -> None:
 
 
 def test_turning_helps_a_robot_whose_pivots_are_on_one_side() -> None:
-    """Its shadow is wider than its section: some speeds are reached only on a curve."""
+    """Its shadow is wider than its section, so some speeds are reached only on a curve."""
     drive = SingularityKinematics(
         azimuths_rad=np.radians([-30.0, 0.0, 30.0]),
         pivot_radius_m=0.15,

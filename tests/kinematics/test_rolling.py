@@ -1,4 +1,4 @@
-"""The kinematics against solid bodies: no contact slips, at rest in the gimbals or turning."""
+"""The kinematics against rigid bodies: contacts do not slip, with gimbals fixed or turning."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ unhurried = settings(deadline=None)
 def least_squares(
     kinematics: SingularityKinematics, pivot_velocities: Array
 ) -> tuple[Array, Array]:
-    """Twist that fits velocities (k, 2) of the pivots in the robot frame best, and what is left."""
+    """Best-fit twist for pivot velocities (k, 2) in the robot frame, and the residual."""
     rows = np.array(
         [row for x, y, _ in pivots(kinematics) for row in ([1.0, 0.0, -y], [0.0, 1.0, x])]
     )
@@ -36,7 +36,7 @@ def least_squares(
 @unhurried
 @given(kinematics=drives(), direction=directions(), share=shares)
 def test_no_wheel_slips(kinematics: SingularityKinematics, direction: Array, share: float) -> None:
-    """The wheels that the inverse kinematics tilt roll over the ground at every contact."""
+    """Wheels tilted by the inverse kinematics roll without slip at every contact."""
     twist = within_limit(kinematics, direction, share)
     slipping = slip(kinematics, twist, kinematics.inverse(twist), np.zeros((kinematics.modules, 3)))
     assert np.abs(slipping).max() <= 1e-12 * size(kinematics, twist)
@@ -68,7 +68,7 @@ def test_axles_and_tilts_are_those_of_the_rotation_matrices(
 @unhurried
 @given(data=st.data())
 def test_turning_gimbals_roll_too(data: st.DataObject) -> None:
-    """Forward kinematics with rates, against rotation matrices differentiated in time."""
+    """Forward kinematics with rates, against numerical derivatives of rotation matrices."""
     kinematics = data.draw(drives())
     joints = data.draw(joint_vectors(kinematics))
     rates = data.draw(joint_vectors(kinematics)) * np.array([6.0, 6.0, 1.0])
@@ -79,7 +79,7 @@ def test_turning_gimbals_roll_too(data: st.DataObject) -> None:
     for a, b, now in zip(before, after, gimbals(kinematics, joints), strict=True):
         skew = (b - a) / (2.0 * h) @ now.T
         turning.append([skew[2, 1], skew[0, 2], skew[1, 0]])
-    # What a pivot at rest would drag its contact along with is how fast it moves when it does not.
+    # The contact velocity for a fixed pivot equals the pivot velocity without slip, negated.
     velocities = -slip(kinematics, np.zeros(3), joints.reshape(-1), np.array(turning))[:, :2]
     tolerance = 1e-6 * kinematics.wheel_radius_m
     np.testing.assert_allclose(
@@ -90,7 +90,7 @@ def test_turning_gimbals_roll_too(data: st.DataObject) -> None:
     )
     twist, residual = least_squares(kinematics, velocities)
     motion = kinematics.forward(joints.reshape(-1), rates.reshape(-1))
-    # Modules close to one another see turning badly: allow for it.
+    # Modules close together observe turning badly, so allow for it.
     worst = 100.0 * tolerance / kinematics.pivot_radius_m
     np.testing.assert_allclose(motion.twist, twist, rtol=1e-9, atol=worst)
     np.testing.assert_allclose(

@@ -1,4 +1,4 @@
-"""Inverse and forward kinematics of the singularity drive undo each other, within its limits."""
+"""Inverse and forward kinematics of the singularity drive are inverses within its limits."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_forward_undoes_inverse(
 def test_too_much_is_scaled_as_a_whole(
     kinematics: SingularityKinematics, direction: Array, excess: float
 ) -> None:
-    """Direction and curvature stay, one module is at its limit and none beyond it."""
+    """Direction and curvature are kept, with one module at its limit and none beyond."""
     twist = within_limit(kinematics, direction, excess)
     joints = kinematics.inverse(twist)
     np.testing.assert_allclose(
@@ -96,7 +96,7 @@ def test_rate_demand_bounds_the_speed_of_every_gimbal(
 
 
 def test_rate_demand_is_reached_by_the_worst_step() -> None:
-    """The bound is no larger than it has to be."""
+    """The bound is tight."""
     kinematics = drive_of([0.5, 2.5, 4.5])
     angles = np.linspace(0.0, 2.0 * np.pi, 181)
     around = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=-1)
@@ -158,14 +158,14 @@ def test_a_large_batch_has_no_seams(many: int) -> None:
 
 
 def test_straight_strafe_and_turn_look_right() -> None:
-    """A wheel that spins counter-clockwise and leans left drives forward."""
+    """A wheel that spins counter-clockwise and is tilted to the left drives forward."""
     kinematics = drive_of([np.pi / 2, np.pi / 2 + 2.0, np.pi / 2 + 4.0])
     for twist, lean in (([0.5, 0.0, 0.0], [0.0, 1.0]), ([0.0, 0.5, 0.0], [-1.0, 0.0])):
         axles = in_robot_frame(kinematics, kinematics.axles(np.array(twist)))
         tilt = 0.5 / (0.04 * 260.0)
         np.testing.assert_allclose(axles, np.tile(np.multiply(lean, tilt), (3, 1)), atol=1e-15)
     turn = kinematics.inverse(np.array([0.0, 0.0, 1.0])).reshape(-1, 3)
-    # To turn left about the middle, all lean inwards by the same, about their inner gimbal.
+    # To turn left about the centre, all lean inwards equally, about their inner gimbal.
     np.testing.assert_allclose(turn[:, 0], -np.arcsin(0.15 / (0.04 * 260.0)), rtol=1e-12)
     np.testing.assert_allclose(turn[:, 1], 0.0, atol=1e-15)
 
@@ -194,7 +194,7 @@ def test_the_figures_of_the_thesis() -> None:
 
 
 def test_moving_follows_the_arc() -> None:
-    """A quarter of a circle in a second ends one radius ahead and one to the left."""
+    """A quarter circle in 1 s ends one radius ahead and one to the left."""
     pose = drive_of([0.0, 2.0, 4.0]).integrate(SE2.identity(), np.array([1.0, 0.0, np.pi / 4]), 2.0)
     np.testing.assert_allclose(pose.xy_heading, [4 / np.pi, 4 / np.pi, np.pi / 2], rtol=1e-15)
 

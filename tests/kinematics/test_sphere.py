@@ -1,4 +1,4 @@
-"""The sphere on its wheels: surfaces that touch move alike, and the rows hop as the paper says."""
+"""The sphere on its wheels: touching surfaces move alike, and row changes match the paper."""
 
 from __future__ import annotations
 
@@ -54,12 +54,12 @@ def test_the_dual_rows_are_those_of_the_paper() -> None:
 def test_surfaces_that_touch_move_alike_where_the_wheel_pushes(
     kinematics: SphereKinematics, direction: Array, seed: int
 ) -> None:
-    """The row's contact is where its roller, beside the middle of the wheel, meets the sphere."""
+    """A row's contact is off the wheel centre, where its roller touches the sphere."""
     sides = np.random.default_rng(seed).choice([-1.0, 1.0], size=kinematics.wheels)
     speeds = kinematics.true_inverse(direction, sides)
     for i, side in enumerate(sides):
         out, push = kinematics.contacts[i], kinematics.actuations[i]
-        # The first row (-1) is on the side of the wheel's axle that points as R x v does.
+        # The first row (-1) is on the side of the wheel's axle that points along R x v.
         axle = np.cross(out, push)
         touch = (
             math.cos(kinematics.row_offset_rad) * out
@@ -105,7 +105,7 @@ def test_a_row_carries_for_pi_over_n_as_the_paper_counts(turns: float) -> None:
 @calm
 @given(before=st.floats(-9.0, 9.0), way=st.floats(-3.0, 3.0))
 def test_the_mean_side_is_that_of_all_angles_on_the_way(before: float, way: float) -> None:
-    assume(abs(way) > 1e-6)  # What stands is on the row it stands on; see below.
+    assume(abs(way) > 1e-6)  # A wheel at rest remains on its row; see below.
     angles = before + way * (np.arange(20_000) + 0.5) / 20_000
     mean = ATLAS.side(np.stack([angles] * 3, axis=-1)).mean(axis=0)
     ours = ATLAS.mean_side(np.full(3, before), np.full(3, before + way))
@@ -128,7 +128,7 @@ def test_rows_are_mistaken_as_often_as_wrong_angles_are_on_the_other_one(share: 
 
 
 def test_the_orthogonal_mounting_turns_about_three_axes_at_right_angles() -> None:
-    """Eq. 19, 20: on the sphere's own axes each wheel turns it about an axis of its own."""
+    """Eq. 19, 20: on the sphere's axes, each wheel turns it about a different axis."""
     contacts = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]])
     actuations = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
     kinematics = SphereKinematics(contacts, actuations, 0.15, 0.04, np.pi / 8, **WHEELS)
@@ -144,7 +144,7 @@ def test_the_orthogonal_mounting_turns_about_three_axes_at_right_angles() -> Non
 def test_a_platform_that_is_turned_as_a_whole_turns_the_sphere_about_turned_axes(
     kinematics: SphereKinematics, turn: tuple[float, float, float], direction: Array
 ) -> None:
-    """Eq. 31: any mounting; nothing singles out an axis."""
+    """Eq. 31 for any mounting; no axis is special."""
     rotation = SO3.exp(np.array(turn))
     turned = dataclasses.replace(
         kinematics,
@@ -172,7 +172,7 @@ def test_angles_place_a_wheel_where_they_say() -> None:
 
 
 def test_wheels_that_share_a_plane_of_axes_are_refused() -> None:
-    """On the equator all push about the vertical."""
+    """On the equator all wheels push about the vertical."""
     contacts, actuations = contacts_and_directions(
         np.array([0.0, 2.0, 4.0]), np.zeros(3), np.zeros(3)
     )
@@ -184,8 +184,8 @@ def test_wheels_that_share_a_plane_of_axes_are_refused() -> None:
 
 
 def test_it_moves_by_turning_about_the_axes_of_the_base() -> None:
-    """A quarter about X and then about Z, both of the base: what was up comes to the front."""
+    """A quarter turn about X, then Z, both in base axes: the top comes to the front."""
     pose = ATLAS.integrate(SO3.identity(), np.array([np.pi / 2, 0.0, 0.0]), 1.0)
     pose = ATLAS.integrate(pose, np.array([0.0, 0.0, np.pi / 2]), 1.0)
-    # Up goes to -Y by the first, and from there to +X by the second.
+    # Up moves to -Y by the first turn, and from there to +X by the second.
     np.testing.assert_allclose(pose.rotate(np.array([0.0, 0.0, 1.0])), [1.0, 0.0, 0.0], atol=1e-12)

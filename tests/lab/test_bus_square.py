@@ -1,4 +1,4 @@
-"""The square of the thesis on a guided robot: its errors are those of the true path."""
+"""The square of the thesis by guided drive; its errors use the true path."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_errors_by_the_camera_are_those_of_the_true_path() -> None:
     assert stage.farthest_m < stage.tour.fence_m
     record, frames = tracking_record(found)
     errors = camera_errors(record, frames)
-    # The camera has noise of 5 mm, on each axis, also at the start to which all is relative.
+    # The camera has 5 mm noise on each axis, also at the start, the reference of all poses.
     at_s, poses = (np.array(column) for column in zip(*stage.truths, strict=True))
     steps = [step for step in stage.guide.steps if step.leg == THESIS_LEG]
     assert stage.guide.start is not None
@@ -34,12 +34,12 @@ def test_errors_by_the_camera_are_those_of_the_true_path() -> None:
     times = [step.now_s for step in steps]
     true: Array = np.column_stack([np.interp(times, at_s, axis) for axis in local.T])
     truly = tracking_errors(true, record.reference[:, :2], record.path_xy)
-    # Feedback alone has to correct the creep of these zeros.
+    # Only feedback corrects the creep of these zeros.
     assert 0.01 < truly.rms_m < 0.05
     assert errors.size_m == pytest.approx(2 * stage.tour.half_m)
     assert errors.rms_m**2 == pytest.approx(truly.rms_m**2 + 2 * 0.005**2, abs=5e-5)
     assert errors.cross_track_m == pytest.approx(truly.cross_track_m, abs=0.02)
-    # It has gone all around, with the corner that it began at as the last.
+    # The robot completes the square, and its last corner is the first.
     assert record.reference[[0, -1], :2] == pytest.approx(np.full((2, 2), -stage.tour.half_m))
     assert np.ptp(true, axis=0) == pytest.approx(2 * stage.tour.half_m, abs=0.03)
 

@@ -1,4 +1,4 @@
-"""The motor table of the thesis, and the lines through it, against numpy's own fit."""
+"""The motor table of the thesis, and its linear fits, against numpy's."""
 
 from __future__ import annotations
 

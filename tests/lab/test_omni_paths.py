@@ -1,4 +1,4 @@
-"""Four paths under PID with noise: every omni robot stays close to them."""
+"""Every omni robot stays close to four paths under PID with noise."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ def test_all_four_are_followed_within_centimetres(tmp_path: Path) -> None:
         rms, cross, closure = (float(mm) for mm in re.findall(r"([\d.]+) mm", line))
         assert max(rms, cross, closure) < 20.0
     assert is_picture(tmp_path / "omni-paths.png")
-    # The curves are those that were asked for: y = x^2, and a circle of half a metre.
+    # The requested curves: y = x^2, and a circle with 0.5 m radius.
     columns = table(tmp_path / "omni-paths_parabola.csv")
     np.testing.assert_allclose(columns["reference_y_m"], columns["reference_x_m"] ** 2, atol=1e-5)
     assert np.abs(columns["truth_y_m"] - columns["truth_x_m"] ** 2).max() < 0.02
     columns = table(tmp_path / "omni-paths_circle.csv")
     radius = np.hypot(columns["truth_x_m"], columns["truth_y_m"] - 0.5)
     np.testing.assert_allclose(radius, 0.5, atol=0.02)
-    # It is looked along, all the way around.
+    # The heading follows the curve, all the way around.
     assert columns["truth_heading_rad"][-1] == pytest.approx(2.0 * np.pi, abs=0.05)
 
 

@@ -1,4 +1,4 @@
-"""Full speed and stop: the profile is the fastest there is, and the robot follows it."""
+"""Full speed and stop: the profile is time-optimal, and the robot follows it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ limits = st.floats(0.2, 10.0)
 
 
 def area(y: Array, x: Array) -> float:
-    """Below a curve, by trapezia."""
+    """Area under a curve, by trapezia."""
     return float(np.sum(0.5 * (y[1:] + y[:-1]) * np.diff(x)))
 
 
@@ -60,7 +60,7 @@ def test_the_robot_follows_triangle_and_trapezoid_and_slips_without_limits(tmp_p
     for name, peak in (("triangle", np.sqrt(2.5 * 6.0)), ("trapezoid", 5.0)):
         columns = table(tmp_path / f"omni-step_{name}.csv")
         assert columns["true_mps"].max() == pytest.approx(peak, abs=0.06)
-        # 30 ms late, so a tenth of a metre a second off on a slope of 2.5 m/s^2; then late to end.
+        # A lag of 30 ms is up to 0.1 m/s on a slope of 2.5 m/s^2, and delays the end.
         rising = columns["t_s"] < 1.5
         off = columns["true_mps"] - columns["ideal_mps"]
         assert np.abs(off[rising]).max() < 0.15

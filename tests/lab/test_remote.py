@@ -1,4 +1,4 @@
-"""A scripted operator drives a slalom over links: delay is bad, and prediction makes up for it."""
+"""A scripted operator drives a slalom over links: delay hurts, and prediction compensates it."""
 
 from __future__ import annotations
 

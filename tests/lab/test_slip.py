@@ -1,4 +1,4 @@
-"""What a floor makes of rolling, held against rigid bodies, and its inverse against itself."""
+"""The slip model against rigid bodies, and its inverse against itself."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ DT_S = 0.01
 
 
 def shuttle() -> list[Array]:
-    """To 1 m/s and back to rest at 4 m/s^2, along X, then along Y, and a turn."""
+    """Accelerate to 1 m/s and back to rest at 4 m/s^2, along X, along Y, and in a turn."""
     ramp = np.concatenate([np.linspace(0.0, 1.0, 25), np.ones(40), np.linspace(1.0, 0.0, 25)])
     parts = [np.outer(ramp, axis) for axis in ([1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 2.0])]
     return list(np.concatenate(parts))
 
 
 def test_bodies_on_a_floor_move_so_and_their_wheels_slow_down_so() -> None:
-    """MuJoCo knows of masses, loads and torques; here only joints are looked at."""
+    """MuJoCo models masses, loads and torques; here only joints are compared."""
     simulation, slip = MujocoSimulation(ROBOT), Slip(ROBOT)
     still = DRIVE.inverse(np.zeros(3))
     simulation.command(np.where(WHEELS, 0.0, still))
@@ -56,14 +56,14 @@ def test_bodies_on_a_floor_move_so_and_their_wheels_slow_down_so() -> None:
     assert only_rolling > 0.06, "m/s, else nothing slid"
     assert sliding < 0.01
     np.testing.assert_allclose(spins, 1.0, atol=0.015)
-    # Where it is at the end of each way is what odometry is for.
+    # The end position of each leg is tested as odometry.
     assert np.abs(DT_S * np.cumsum(off, axis=0)[89::90, :2]).max() < 0.002
 
 
 @settings(max_examples=5, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_pushing_undoes_sliding(seed: int) -> None:
-    """Any smooth motion that friction allows comes out of what `push` says wheels have to roll."""
+    """For any smooth motion within friction, the wheel motion from `push` reproduces it."""
     random = np.random.default_rng(seed)
     amplitude, phase = random.uniform(0.2, 0.5, 3), random.uniform(0.0, 6.0, 3)
     pushing, sliding = Slip(ROBOT), Slip(ROBOT)

@@ -1,4 +1,4 @@
-"""The square of the thesis: as far off as there when open, and within the figures when closed."""
+"""The square of the thesis: similar errors in open loop, and within the bounds in closed loop."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ TSD = description_of_kind(robots.load_robot("tsd"), SingularityDescription)
 
 
 def figures(lines: list[str]) -> tuple[float, list[float], float]:
-    """Return the time, the three errors and the largest error, per cent of the side."""
+    """Return the time, the three errors and the maximum error, in per cent of the side."""
     seconds = re.search(r"in ([\d.]+) s", lines[0])
     largest = re.search(r"position ([\d.]+) %", lines[2])
     assert seconds
@@ -40,13 +40,13 @@ def figures(lines: list[str]) -> tuple[float, list[float], float]:
 
 
 def test_open_loop_is_off_by_what_the_thesis_saw(tmp_path: Path) -> None:
-    """At most 16 % there. Here by all errors of the description, which are on by default."""
+    """At most 16 % in the thesis. Here with all errors of the description, on by default."""
     found = [figures(run(tmp_path, "square", "--seed", str(seed))) for seed in range(3)]
     found.append(figures(run(tmp_path, "square", "--plant", "mujoco")))
     assert all(seconds == 4.0 for seconds, _, _ in found)
     assert all(5.0 <= largest <= 20.0 for _, _, largest in found)
     columns = table(tmp_path / "square.csv")
-    # The reference is at full speed at once, and turns corners in an instant.
+    # The reference starts at full speed and turns corners instantly.
     speed = np.hypot(columns["reference_vx_mps"], columns["reference_vy_mps"])
     assert set(speed[1:400].tolist()) == {1.0}
     assert is_picture(tmp_path / "square.png")
@@ -59,7 +59,7 @@ BOUNDS = {Loop.GYRO: (2.0, 2.0, 1.5), Loop.CAMERA: (1.0, 1.0, 0.5)}
 
 
 def square(loop: Loop, seed: int, **others: Any) -> Square:
-    """All errors on, gyro noise, a late camera; friction 0.8 in MuJoCo."""
+    """All errors on, gyro noise, a delayed camera; friction 0.8 in MuJoCo."""
     asked = Square("tsd", loop, seed, 1.0, 1.0, "mujoco", believed_friction=1.0, turns=True)
     return replace(asked, **others)
 
@@ -72,8 +72,8 @@ def percent(record: TrackingRecord) -> list[float]:
 @pytest.mark.parametrize("loop", BOUNDS)
 @pytest.mark.parametrize(
     ("seed", "others"),
-    # Nothing was tuned on these seeds. Robot 14 is left out: without a camera it creeps too far
-    # from the end, as one in 40 does; see docs/lab.md, which has how their errors spread.
+    # Seeds not used for tuning. Robot 14 is excluded because, without a camera, it creeps too far
+    # from the end, as one in 40 does; docs/lab.md shows the distribution of errors.
     [(seed, {}) for seed in (11, 12, 13, 19)]
     + [(15, {"believed_friction": 0.75}), (16, {"believed_friction": 1.25})]
     + [(17, {"plant": "kinematic"}), (18, {"plant": "kinematic"})],
@@ -87,17 +87,17 @@ def test_closed_loop_is_within_two_and_with_the_camera_within_one_percent(
     assert all(off < most for off, most in zip(percent(record), BOUNDS[loop], strict=True))
     speed = np.hypot(*record.reference_twist[:, :2].T)
     assert speed.max() == pytest.approx(1.0, abs=1e-3)
-    # 4 m/s^2 held, but for what acceleration takes to change.
+    # The acceleration is 4 m/s^2, except while it ramps up or down.
     rate = np.diff(speed) / np.diff(record.t_s)
     assert rate.max() == pytest.approx(4.0, abs=1e-2)
     assert rate.min() == pytest.approx(-4.0, abs=1e-2)
-    # The heading of the thesis: constant, before it starts as well.
+    # The heading of the thesis: constant, also before the start.
     assert np.abs(record.reference[:, 2]).max() < 1e-9
     assert record.truth[0] == pytest.approx(np.zeros(3), abs=1e-3)
 
 
 def test_a_turn_on_the_spot_tells_how_fast_wheels_spin() -> None:
-    """The wheels of each robot are off by 0.6 % in the mean, and its battery by 3 %."""
+    """The wheels of each robot are off by 0.6 % on average, and its battery by 3 %."""
     off: dict[bool, list[float]] = {True: [], False: []}
     for turns, seed in itertools.product(off, (21, 22, 23, 24)):
         _, record = square(Loop.GYRO, seed, plant="kinematic", turns=turns).drive()
@@ -110,14 +110,14 @@ def test_a_turn_on_the_spot_tells_how_fast_wheels_spin() -> None:
 
 @pytest.mark.parametrize("believed", [0.6, 1.0])
 def test_a_turn_on_the_spot_tells_the_friction_of_the_floor(believed: float) -> None:
-    """It is 0.8; all errors are on."""
+    """The true value is 0.8; all errors are on."""
     floor = msgspec.structs.replace(TSD.floor, friction=believed)
     slip = Slip(msgspec.structs.replace(TSD, floor=floor))
     robot = VirtualRobot(TSD, SimRobot(TSD, seed=25, noise=1.0, plant="mujoco", errors=1.0))
     watching = make_observer(Loop.GYRO, robot, 25, slip, turns=True)
     assert watching is not None
     assert watching.slip is not None
-    # The lag of the body is what the friction is known by, and used for.
+    # The lag of the body identifies the friction, which is then used.
     assert watching.slip.lag_s == pytest.approx(Slip(TSD).lag_s, rel=0.15)
 
 
@@ -138,7 +138,7 @@ def test_many_squares_are_those_of_each_seed(tmp_path: Path) -> None:
 def test_a_larger_contact_patch_than_described_costs_several_times_the_error(
     tmp_path: Path,
 ) -> None:
-    """The robot believes in half a millimetre; that the loop is closed does not save it."""
+    """The robot assumes 0.5 mm; closing the loop does not compensate."""
     flags = ("--differ", "contact patch 2 mm", "--loops", "camera")
     lines = run(tmp_path, "mismatch", "--seed", "31", "--seeds", "1", *flags)
     assert [line.split(" | ")[0] for line in lines[-2:]] == ["| as described", f"| {flags[1]}"]

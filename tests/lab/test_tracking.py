@@ -1,4 +1,4 @@
-"""The three errors, on motions where they are known."""
+"""The three tracking errors, for motions with known errors."""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
-"""Whatever can send commands to a robot is in the table of sources, or is listed with the reason
-why it is none: found in the code, so that a new source cannot be forgotten.
+"""Every module that can command a robot is in the table of sources or excluded with a reason.
+
+The modules are found in the code, so that a new source cannot be forgotten.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ CALLS = {"set_velocity", "set_turn_rate", "driving", "go_to", "follow_path"} | {
 }
 """Methods that command a motion, or publish on any key of the bus."""
 TIMED = {"drive", "turn"}
-"""Methods that command a motion for a time; others have these names, too."""
+"""Methods that command a motion for a time; other classes use these names, too."""
 KEY = r"\S*/cmd/[^*\s]\S*"
 """Key of a command, without patterns."""
 MADE = {"CmdVelBridge", "JointCommand", "TwistCommand"}
@@ -30,7 +31,7 @@ MADE = {"CmdVelBridge", "JointCommand", "TwistCommand"}
 
 
 def commands(text: str) -> set[str]:
-    """Return by which names a program text can command a robot."""
+    """Return the names by which a program text can command a robot."""
     found: set[str] = set()
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Call):
@@ -47,7 +48,7 @@ def commands(text: str) -> set[str]:
             elif isinstance(called, ast.Name) and called.id in MADE:
                 found.add(called.id)
         elif isinstance(node, ast.Attribute | ast.Name):
-            # A key of commands, for a session that is not ours.
+            # A command key in a string, for a third-party session.
             if (name := getattr(node, "attr", getattr(node, "id", ""))) == "twist_key":
                 found.add(name)
         elif isinstance(node, ast.Constant) and re.fullmatch(KEY, str(node.value)):
@@ -56,7 +57,7 @@ def commands(text: str) -> set[str]:
 
 
 def modules() -> Iterator[tuple[str, str]]:
-    """Yield name and text of every module that is shipped."""
+    """Yield name and text of every shipped module."""
     for folder in ("src", "app"):
         for path in sorted((ROOT / folder).rglob("*.py")):
             parts = path.relative_to(ROOT / folder).with_suffix("").parts
@@ -64,7 +65,7 @@ def modules() -> Iterator[tuple[str, str]]:
 
 
 def unlisted(shipped: Iterator[tuple[str, str]]) -> dict[str, set[str]]:
-    """Return the modules that can command a robot and are in no list."""
+    """Return the modules that can command a robot and are not listed."""
     can = {name: found for name, text in shipped if (found := commands(text))}
     return {name: found for name, found in can.items() if name not in LISTED | set(NO_SOURCES)}
 

@@ -1,4 +1,4 @@
-"""Laws over the source text: no layer names a higher one, and no program reads English."""
+"""Source rules: no layer names a higher one, and no program parses English."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ OF_LIBRARIES = {
     "config.py": "errors of Zenoh have no codes",
     "program.py": "errors of argparse have no codes",
 }
-"""Files that read the texts of libraries, and why."""
+"""Files that parse texts of libraries, with reasons."""
 _PHRASE = re.compile(r"\b[a-z']{2,}[ ,]+[a-z']{2,}\b", re.IGNORECASE)
-"""Two words in a row: no id, code, key or name contains them."""
+"""Two consecutive words, which no id, code, key or name contains."""
 _TESTS_OF_TEXT = frozenset(
     ("startswith", "endswith", "find", "index", "count", "partition", "removeprefix", "split")
 )
@@ -33,7 +33,7 @@ _JS_TEST_OF_TEXT = re.compile(
 
 
 def ranks() -> dict[str, int]:
-    """Return the rank of each package and module of the package, the lowest layer first."""
+    """Return the rank of each package and module, lowest layer first."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     (layers,) = (
         contract["layers"]
@@ -46,7 +46,7 @@ def ranks() -> dict[str, int]:
 
 
 def names_of_packages(text: str) -> Iterator[str]:
-    """Yield the packages that a text names, as modules or as folders."""
+    """Yield the packages named in a text, as modules or as folders."""
     for dotted, folder in re.findall(r"\btsd_twin\.(\w+)|\b(\w+)/(?:\w+/)*\w+\.(?:py|js)\b", text):
         yield dotted or folder
 
@@ -69,7 +69,7 @@ def test_no_layer_names_a_higher_one_in_a_string() -> None:
 
 
 def english_tests(tree: ast.AST) -> Iterator[int]:
-    """Yield the lines that compare a text with an English phrase, or search one in it."""
+    """Yield the lines that compare a text with an English phrase or search for one."""
     for node in ast.walk(tree):
         operands: list[ast.expr] = []
         if isinstance(node, ast.Compare):

@@ -1,4 +1,4 @@
-"""Laws over the source of the page in `web/`: its size, its tokens, and the internals of viser."""
+"""Source rules for the page in `web/`: size, tokens, and viser's internals."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MAX_TOTAL_LINES, MAX_CSS_LINES = 12_000, 1500
 _COMMENT = re.compile(r"/\*.*?\*/|(?<!:)//[^\n]*", re.DOTALL)
 _NAMES = "white|black|red|green|blue|yellow|orange|purple|cyan|magenta|navy|teal|silver|gr[ae]y"
 _COLOUR = re.compile(
-    r"\b(?:rgba?|hsla?|hwb|(?:ok)?l(?:ab|ch))\(|"  # A function, but not var() or color-mix().
+    r"\b(?:rgba?|hsla?|hwb|(?:ok)?l(?:ab|ch))\(|"  # A function, except var() and color-mix().
     r"""["'`:\s(,]#(?:[0-9a-f]{3,4}|[0-9a-f]{6}|[0-9a-f]{8})\b(?!\w*[ ({.])|"""
     rf"""(?:colou?r|fill|stroke|background|border|outline|shadow)[\w-]*["']?\s*[:=]\s*"""
     rf"""(?:["'{{`][\w\s."'{{`]*?|[^;{{}}"'\n]*?\s|)\b(?:{_NAMES})\b(?![-(\w])""",
@@ -93,7 +93,7 @@ def test_only_the_tokens_name_a_colour_or_a_font_size(pattern: re.Pattern[str]) 
 
 
 def test_no_source_reaches_into_the_internals_of_viser() -> None:
-    """The script in the frame runs in viser's page, where it may look for the canvas only."""
+    """The frame script runs in viser's page, where it may only look for the canvas."""
     assert [each for path in SOURCES for each in violations(path, _INTERNALS)] == []
     frame = [path for path in SOURCES if path.parent == WEB / "frame"]
     assert frame
@@ -151,11 +151,11 @@ def test_source_that_keeps_the_laws_passes(text: str) -> None:
 _RULE = re.compile(r"([^{}@;]+)\{")
 _OWN = re.compile(r"\.([\w-]+)(?=$|[:.\[])")
 SHARED = {"bar", "deck", "panel", "time", "phone-tabs", "shade", "btn", "js", "dot", "stop"}
-"""Classes that the shell places, or that an area adds to."""
+"""Classes placed by the shell or extended by an area."""
 
 
 def test_two_areas_do_not_style_the_same_class() -> None:
-    """A rule without its area would change an element of another one."""
+    """A rule without its area would restyle an element of another one."""
     areas: dict[str, set[str]] = {}
     for path in SOURCES:
         if path.suffix == ".css":

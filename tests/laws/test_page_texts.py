@@ -1,4 +1,4 @@
-"""Laws over the texts of the page: languages agree, the page uses every text, none has markup."""
+"""Rules for the page texts: languages agree, every text is used, none has markup."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SENT = {
     for path in sorted((ROOT / "src/tsd_twin").rglob("*.py"))
     for text in _STRING.findall(path.read_text("utf-8"))
 }
-"""Strings in the package: codes, modes and labels among others."""
+"""Strings in the package, including codes, modes and labels."""
 WORDS_OF_MESSAGES = set(re.findall("[a-z]+", PAGE[ROOT / "web/src/generated/wire.ts"].lower()))
 UNIONS = {
     text
@@ -39,7 +39,7 @@ UNIONS = {
     if path.parent.name in {"generated", "store", "text"}
     for text in _STRING.findall(source)
 }
-"""Strings in sources that declare codes and unions, which other sources use as keys."""
+"""Strings in sources that declare codes and unions, used as keys elsewhere."""
 
 
 def read(name: str) -> Source:
@@ -59,7 +59,7 @@ def texts(source: Source, *path: str) -> Iterator[tuple[tuple[str, ...], str]]:
 
 @cache
 def named_by(area: str) -> tuple[set[str], set[str]]:
-    """Return the names and the strings in the folders whose sources use the texts of an area."""
+    """Return names and strings in the folders whose sources use the texts of an area."""
     uses = re.compile(rf"texts\(\)\.{area}\b|\{{[^{{}}]*\b{area}\b[^{{}}]*\}} = texts\(\);")
     folders = {path.parent for path, text in PAGE.items() if uses.search(text)}
     source = "\n".join(text for path, text in PAGE.items() if path.parent in folders)
@@ -69,7 +69,7 @@ def named_by(area: str) -> tuple[set[str], set[str]]:
 
 
 def is_used(path: tuple[str, ...]) -> bool:
-    """Whether a source in a folder that uses the area names the key, or others define it."""
+    """Return whether a source in a folder using the area names the key, or others define it."""
     *table, key = (each for each in path if not each.isdigit())  # A list is used as a whole.
     names, strings = named_by(table[0])
     if ".".join(table) in LOOKED_UP:

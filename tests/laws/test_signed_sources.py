@@ -24,7 +24,7 @@ from tsd_twin.security.operator_list import (
     encode_list,
 )
 from tsd_twin.security.robot_authority import RobotAuthority
-from tsd_twin.security.signing_keys import new_signing_key, public_bytes, signing_key_pem
+from tsd_twin.security.signing_keys import key_pem, new_signing_key, public_bytes
 
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")
 ON_BUS = [
@@ -47,11 +47,11 @@ def patch() -> Iterator[pytest.MonkeyPatch]:
 
 @pytest.fixture
 def keys(tmp_path: Path) -> Path:
-    """Folder with an authority, a key, and a list in which it may sign for all operators."""
+    """Folder with an authority, a key, and a list that allows it to sign for all operators."""
     authority, signer = new_key(), new_signing_key()
     certificate = CertificateAuthority.new(authority, datetime.now(UTC)).certificate
     write_certificate(tmp_path / "ca.pem", certificate)
-    (tmp_path / "own.sign").write_bytes(signing_key_pem(signer))
+    (tmp_path / "own.sign").write_bytes(key_pem(signer))
     names = ("alice", "page", "script", "web", "foxglove", "ros", "panel")
     listed = ListedOperator((public_bytes(signer).hex(),), for_users=True)
     content = encode_list(OperatorList(1, dict.fromkeys(names, listed)), authority)

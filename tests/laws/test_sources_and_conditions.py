@@ -1,7 +1,6 @@
-"""What makes a robot unsafe is asked of the robot: each condition stops and refuses each source by
-the same rule.
+"""Each unsafe condition stops and refuses every source by the same rule, on the robot.
 
-Node, bridge, firmware and all sources are the real ones, in virtual time.
+Node, bridge, firmware and all sources are real, in virtual time.
 """
 
 from __future__ import annotations
@@ -108,7 +107,7 @@ def _assert_stopped(robot: VirtualRobot, rule: Rule) -> None:
 async def _try_again(
     robot: VirtualRobot, made: CommandSource, condition: Condition, rule: Rule
 ) -> None:
-    """Do all that a person can do to drive on; nothing may move."""
+    """Try to drive again by all means of an operator; the robot must not move."""
     robot.watch()
     if rule is STALE:
         await _push_old_inputs(robot, made)
@@ -125,7 +124,7 @@ async def _try_again(
 
 
 async def _push_old_inputs(robot: VirtualRobot, made: CommandSource) -> None:
-    """Give inputs that are too old, each by another time."""
+    """Send inputs that are too old, each by a different time."""
     limit_s = robot.robot.limits.max_command_age_s
     for age_s in (limit_s + 0.06, limit_s + 0.2, 0.6, 0.9):
         for _ in range(10):
@@ -137,7 +136,7 @@ async def _push_old_inputs(robot: VirtualRobot, made: CommandSource) -> None:
 async def _replayed(
     robot: VirtualRobot, made: ReplayedDrive, condition: Condition, dice: random.Random
 ) -> None:
-    """Play a recording beside a healthy robot, then beside a faulty one."""
+    """Play a recording while a healthy robot, then a faulty one, is on the bus."""
     await made.open()
     robot.watch()
     assert "this is a recording" in await made.get_ready()

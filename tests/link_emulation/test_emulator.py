@@ -1,4 +1,4 @@
-"""A simulated link starts, ends, and explains what it cannot do."""
+"""A simulated link starts and ends, and reports invalid requests."""
 
 from __future__ import annotations
 

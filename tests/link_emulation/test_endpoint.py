@@ -1,4 +1,4 @@
-"""Endpoints are read as Zenoh writes them, and nothing else is."""
+"""Endpoints are parsed exactly in Zenoh's syntax."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a link does to packets is what its specification says, whatever is sent and when."""
+"""A link treats packets as specified, for any traffic."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_no_span_of_time_sees_more_than_the_bandwidth(spec: LinkSpec, packets: l
     arrived = travel(link(spec), packets)
     until = list(itertools.accumulate((packet.size_bytes for packet, _ in arrived), initial=0))
     for first, last in itertools.combinations(range(len(arrived)), 2):
-        bits = 8.0 * (until[last + 1] - until[first + 1])  # Of all after the first.
+        bits = 8.0 * (until[last + 1] - until[first + 1])  # Bits of all packets after the first.
         span_s = arrived[last][1] - arrived[first][1]
         assert bits / spec.bandwidth_bit_per_s <= span_s + ROUNDING_S
 
@@ -120,7 +120,7 @@ def test_the_share_that_is_lost_is_within_the_bounds_of_chance(loss: float, seed
 
 
 def test_losses_do_not_depend_on_each_other() -> None:
-    """After a loss, the next packet is lost as often as any other."""
+    """After a loss, the next packet has the usual loss probability."""
     count, loss = 20_000, 0.2
     arrived = {p.number for p, _ in travel(link(LinkSpec(loss=loss)), paced(count, 0.01))}
     pairs = sum(n not in arrived and n + 1 not in arrived for n in range(count - 1))
@@ -130,7 +130,7 @@ def test_losses_do_not_depend_on_each_other() -> None:
 @pytest.mark.parametrize("loss", [0.0, 0.5])
 @pytest.mark.parametrize("jitter_s", [0.001, 0.03])
 def test_jitter_has_the_standard_deviation_that_was_asked_for(jitter_s: float, loss: float) -> None:
-    """The bound is five standard errors of each, for an exponential distribution."""
+    """The bounds are five standard errors, for an exponential distribution."""
     spec = LinkSpec(delay_s=0.15, jitter_s=jitter_s, loss=loss)
     arrived = travel(link(spec), paced(20_000, 10.0))
     extra_s = [at_s - packet.at_s - 0.15 for packet, at_s in arrived]
@@ -174,7 +174,7 @@ def test_the_same_seed_gives_the_same_journey(spec: LinkSpec, packets: list[Sent
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_delay_wanders_between_periods_and_is_constant_within_one(seed: int) -> None:
-    """Both directions of a path wander alike, whatever their jitter would be."""
+    """Both directions share the random drift of the delay, independent of their jitter."""
     spec = LinkSpec(delay_s=0.02, wander=Wander(0.01, 1.0), seed=seed)
     extra_ms: dict[int, set[float]] = {}
     for packet, at_s in travel(link(spec), paced(20_000, 0.1)):

@@ -1,4 +1,4 @@
-"""The text of a link is read exactly, written so that it reads the same, and explained if wrong."""
+"""A link specification is parsed exactly, round-trips, and is explained if invalid."""
 
 from __future__ import annotations
 

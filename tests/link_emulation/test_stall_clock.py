@@ -1,4 +1,4 @@
-"""The time of a link stands still in stalls, as counting it out tick by tick shows."""
+"""The clock of a link pauses in stalls, compared with counting tick by tick."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def stall_of(rhythm: tuple[int, int] | None) -> Stall | None:
 
 
 def stands(tick: int, rhythm: tuple[int, int] | None, holds: list[tuple[int, int]]) -> bool:
-    """Return whether nothing runs in the tick that starts now, from what the words say."""
+    """Return whether the clock is paused in the tick starting now, by definition."""
     if any(start <= tick < start + length for start, length in holds):
         return True
     return rhythm is not None and tick >= rhythm[1] and tick % rhythm[1] < rhythm[0]
@@ -45,7 +45,7 @@ def test_it_runs_in_all_ticks_but_those_of_stalls(
             stopwatch.hold(waiting.pop(0)[1] * TICK_S, now_s)
         known = [hold for hold in holds if hold[0] <= tick]
         assert stopwatch.stands(now_s) is stands(tick, rhythm, known)
-        if tick % every == 0:  # It must not matter how often it is read.
+        if tick % every == 0:  # The result must not depend on how often it is read.
             assert stopwatch.read(now_s) == ran * TICK_S
         ran += not stands(tick, rhythm, known)
 

@@ -1,4 +1,4 @@
-"""A stream brings everything in order, and late in the way that TCP is late."""
+"""A stream delivers everything in order, with the delays of TCP."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ unhurried = settings(deadline=None)
 
 
 class Connection:
-    """A stream over a link of its own, in virtual time."""
+    """A stream over a separate link, in virtual time."""
 
     def __init__(self, spec: LinkSpec) -> None:
         self.link: LinkModel[Segment[Sent]] = LinkModel(spec, np.random.default_rng(spec.seed), 0.0)
@@ -142,7 +142,7 @@ def test_after_a_cut_all_arrives_with_the_first_time_out_that_ends_after_it(
 ) -> None:
     timeout_s = max(0.2, 4.0 * delay_s)
     tries_s, wait_s = timeout_s, timeout_s
-    while tries_s < cut_s:  # Time-outs double until they reach the ceiling.
+    while tries_s < cut_s:  # Timeouts double up to the maximum.
         wait_s = min(MAX_TIMEOUT_S, 2.0 * wait_s)
         tries_s += wait_s
     connection = Connection(LinkSpec(delay_s=delay_s))
@@ -158,7 +158,7 @@ def test_after_a_cut_all_arrives_with_the_first_time_out_that_ends_after_it(
     overdue = [at_s for packet, at_s in connection.released if packet.at_s + timeout_s <= tries_s]
     assert overdue[0] == pytest.approx(tries_s + delay_s)
     assert overdue[-1] == pytest.approx(tries_s + delay_s)
-    # The rest goes again when its own time-out is over, and what went before has arrived.
+    # The remainder is resent after its own timeout, when the earlier data has arrived.
     for packet, at_s in connection.released[len(overdue) :]:
         due_s = max(tries_s, packet.at_s + timeout_s)
         assert due_s + delay_s - ROUNDING_S <= at_s <= due_s + 2.0 * delay_s + ROUNDING_S
@@ -215,7 +215,7 @@ def test_streams_on_one_link_share_its_bandwidth_and_not_their_losses() -> None:
     assert shared.next_s() == pytest.approx(0.1)
     for segment in shared.receive(0.15):
         segment.stream.arrived(segment)
-    assert released == []  # The second of `one` is through, and waits for the first.
+    assert released == []  # The second part of `one` has arrived, and waits for the first.
     for segment in shared.receive(0.2):
         segment.stream.arrived(segment)
     assert released == [("other", 0)]

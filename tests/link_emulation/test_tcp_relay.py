@@ -1,4 +1,4 @@
-"""Connections through a link behave as TCP over a bad link does, seen from both ends."""
+"""Connections through a link behave like TCP over a bad link, seen from both ends."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tests.support.withheld import Stopwatch
 from tsd_twin.link_emulation.emulator import Direction
 
 RESET = struct.pack("ii", 1, 0)
-"""A linger time of none: closing sends a reset."""
+"""Zero linger time, so that closing sends a reset."""
 NOISE = np.random.default_rng(0).bytes(300_000)
 
 
@@ -48,7 +48,7 @@ def test_lost_segments_are_sent_again_and_counted() -> None:
         client.sendall(NOISE[:60_000])
         assert read_all(target, 60_000) == NOISE[:60_000]
         counters = simulator.up
-    segments = 60_000 // 1400 + 2  # A last one, and one that opens; small reads make more.
+    segments = 60_000 // 1400 + 2  # A final one, and one on opening; small reads cause more.
     assert counters.lost > 0
     assert counters.delivered >= segments
     assert counters.packets == counters.delivered + counters.lost
@@ -73,9 +73,23 @@ def test_what_is_sent_takes_the_delay_and_a_handshake_takes_a_round_trip() -> No
                 assert watch.took_s < delay_s + 0.5
 
 
+def test_no_segment_waits_for_a_delayed_acknowledgement() -> None:
+    """Linux delays an acknowledgement by at least 40 ms."""
+    with connected("delay=1ms") as (_, client, target):
+        took_s: list[float] = []
+        for _ in range(30):
+            watch = Stopwatch()
+            client.sendall(b"next")
+            assert read_all(target, 4) == b"next"
+            target.sendall(NOISE[:14_000])
+            assert read_all(client, 14_000) == NOISE[:14_000]
+            took_s.append(watch.took_s)
+    assert np.median(took_s) < 0.03
+
+
 @pytest.mark.parametrize("direction", list(Direction))
 def test_one_way_stalls_while_the_other_delivers(direction: Direction) -> None:
-    """What is answered to the open way comes at once; what the stalled one took comes after it."""
+    """Replies on the open direction arrive at once; stalled data arrives later."""
     stall_s = 0.4
     with connected("") as (simulator, client, target):
         watch, start_s = Stopwatch(), time.monotonic()
@@ -128,7 +142,7 @@ def test_a_target_that_is_not_there_is_a_reset_and_one_that_comes_later_is_found
     with simulated("", "tcp", port) as simulator:
         address = ("127.0.0.1", port_of(simulator.endpoint))
         with (
-            pytest.raises(ConnectionResetError),  # It may come before the client looks.
+            pytest.raises(ConnectionResetError),  # May arrive before the client polls.
             socket.create_connection(address, PATIENCE_S) as client,
         ):
             client.recv(1)
@@ -142,7 +156,7 @@ def test_a_target_that_is_not_there_is_a_reset_and_one_that_comes_later_is_found
 
 
 def fill(sender: socket.socket, at_most: int) -> int:
-    """Send until nothing more is taken for a while; return how much was."""
+    """Send until no more data is accepted for a while; return the amount."""
     sender.settimeout(0.3)
     taken = 0
     while taken < at_most:
@@ -162,7 +176,7 @@ def test_a_stalled_link_is_a_full_socket_and_everything_arrives_afterwards() -> 
         target.setblocking(False)
         with pytest.raises(BlockingIOError):
             target.recv(1)
-    # Nobody waits for the end of the stall: closing is not held up by it.
+    # Closing does not wait for the end of the stall.
 
 
 def test_after_a_stall_a_full_socket_empties() -> None:
@@ -189,7 +203,7 @@ def test_a_cut_link_delivers_nothing_and_a_mended_one_all() -> None:
     with connected("") as (simulator, client, target):
         simulator.cut()
         client.sendall(b"into the void")
-        eventually(lambda: simulator.up.lost >= 2)  # Once as sent, once as sent again.
+        eventually(lambda: simulator.up.lost >= 2)  # Once originally, once as a retransmission.
         target.setblocking(False)
         with pytest.raises(BlockingIOError):
             target.recv(1)
@@ -206,7 +220,7 @@ def test_a_client_that_gives_up_while_the_link_is_cut_is_forgotten() -> None:
         client.close()
         eventually(lambda: simulator.up.packets > 0)
         simulator.restore()
-        server.settimeout(0.5)  # Longer than the time-out after which it would call again.
+        server.settimeout(0.5)  # Longer than the timeout after which it would send again.
         with pytest.raises(TimeoutError):
             server.accept()
 

@@ -1,4 +1,4 @@
-"""Datagrams through a link are late, lost and reordered for real."""
+"""Real datagrams through a link are delayed, lost and reordered."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tsd_twin.link_emulation import LinkEmulator, LinkSpec
 from tsd_twin.link_emulation.relays import CAPACITY_BYTES, HEADER_BYTES
 
 FEW = 200
-"""Datagrams that a socket holds while nobody reads."""
+"""Datagrams buffered by a socket that is not read."""
 
 
 @pytest.fixture
@@ -74,7 +74,7 @@ def test_a_datagram_takes_the_delay(target: socket.socket, client: socket.socket
 
 
 def send_numbers(simulator: LinkEmulator, client: socket.socket) -> None:
-    """Send a few numbers, and an end that is neither lost nor overtakes them."""
+    """Send a few numbers, then an end marker that is neither lost nor overtakes them."""
     for number in range(FEW):
         client.sendto(str(number).encode(), address(simulator))
     eventually(lambda: simulator.up.packets == FEW)

@@ -14,6 +14,7 @@ import pytest
 import zenoh
 
 from tests.support.link_sockets import PATIENCE_S
+from tests.support.withheld import WithheldTime
 from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.link_emulation import LinkEmulator, LinkSpec
 from tsd_twin.messages.topics import QoS
@@ -22,12 +23,12 @@ pytestmark = pytest.mark.system
 
 PERIOD_S = 0.02
 LEASE_S = 1.0
-"""As `tsd_twin.bus` configures it."""
+"""As configured by `tsd_twin.bus`."""
 
 
 @dataclass
 class Drive:
-    """An operator who sends numbers, and what the robot and the operator get to see of them."""
+    """An operator who sends numbers, and the numbers seen by robot and operator."""
 
     simulator: LinkEmulator
     commands: zenoh.Publisher
@@ -43,7 +44,7 @@ class Drive:
         return number
 
     def send_for(self, length_s: float, period_s: float = PERIOD_S) -> None:
-        """Send at the pace of commands."""
+        """Send at the command rate."""
         end_s = time.monotonic() + length_s
         while time.monotonic() < end_s:
             self.send()
@@ -64,27 +65,31 @@ class Drive:
             arrived.append((number, at_s - self.sent_s[number]))
         return arrived
 
-    def round_trips_s(self, count: int = 15) -> list[float]:
-        """Measure how long a number takes to the robot and back."""
+    def round_trips_s(self, count: int = 15) -> tuple[list[float], list[float]]:
+        """Measure round-trip times of numbers to the robot, and those without withheld time."""
         trips_s: list[float] = []
+        own_s: list[float] = []
         for _ in range(count):
-            number = self.send()
-            while (echo := self.echoed.get(timeout=PATIENCE_S))[0] != number:
-                pass
+            with WithheldTime() as withheld:
+                number = self.send()
+                while (echo := self.echoed.get(timeout=PATIENCE_S))[0] != number:
+                    pass
             trips_s.append(echo[1] - self.sent_s[number])
-        return trips_s
+            own_s.append(trips_s[-1] - withheld.total_s)
+        return trips_s, own_s
 
 
 @contextlib.contextmanager
 def driving(protocol: str) -> Generator[Drive]:
-    """Link two sessions through a simulator that does nothing yet."""
+    """Link two sessions through an initially transparent simulator."""
     with Bus(node_config([f"{protocol}/127.0.0.1:0"])) as robot:
         (endpoint,) = robot.endpoints()
         with (
             LinkEmulator(LinkSpec(), f"{protocol}/127.0.0.1:0", endpoint) as simulator,
             Bus(client_config([simulator.endpoint])) as dashboard,
         ):
-            # Waits where `Bus` drops, as on a busy machine: what is missing, the link has lost.
+            # Block where `Bus` drops on a busy machine, so that missing numbers were lost by the
+            # link.
             commands = dashboard._session.declare_publisher(
                 "there", congestion_control=zenoh.CongestionControl.BLOCK, express=True
             )
@@ -99,7 +104,7 @@ def driving(protocol: str) -> Generator[Drive]:
             dashboard.subscribe(
                 "back", lambda sample: drive.echoed.put((int(sample.payload), time.monotonic()))
             )
-            # Each side learns in its own time what the other wants to hear.
+            # Each side learns of the other's subscriptions at its own time.
             while drive.echoed.empty():
                 drive.send()
                 with contextlib.suppress(queue.Empty):
@@ -111,25 +116,24 @@ def driving(protocol: str) -> Generator[Drive]:
 @pytest.mark.parametrize("protocol", ["tcp", "udp"])
 def test_a_round_trip_grows_by_twice_the_delay(protocol: str) -> None:
     with driving(protocol) as drive:
-        before_s = statistics.median(drive.round_trips_s())
+        _, before_s = drive.round_trips_s()
         drive.simulator.set(LinkSpec(delay_s=0.05))
-        trips_s = drive.round_trips_s()
+        trips_s, own_s = drive.round_trips_s()
     assert min(trips_s) >= 0.1
-    assert 0.1 <= statistics.median(trips_s) < before_s + 0.1 + 0.03
+    assert statistics.median(own_s) < statistics.median(before_s) + 0.1 + 0.03
 
 
 @pytest.mark.parametrize("protocol", ["tcp", "udp"])
 def test_a_stall_within_the_lease_ends_in_a_burst_of_old_commands(protocol: str) -> None:
-    """This is what the age check of the command gate is for."""
+    """The age check of the command gate exists for this case."""
     length_s = 0.6 * LEASE_S
     with driving(protocol) as drive:
-        first = len(drive.sent_s)
+        first, began_s = len(drive.sent_s), time.monotonic()
         drive.simulator.stall(length_s)
         drive.send_for(0.5 * length_s)
-        assert drive.received.empty()
         arrived = drive.arrive()
         assert [number for number, _ in arrived] == list(range(first, first + len(arrived)))
-        assert arrived[0][1] > 0.9 * length_s
+        assert min(drive.sent_s[number] + age_s for number, age_s in arrived) >= began_s + length_s
 
 
 @pytest.mark.parametrize("protocol", ["tcp", "udp"])
@@ -137,12 +141,13 @@ def test_a_stall_beyond_the_lease_ends_the_session_and_a_new_one_starts_fresh(
     protocol: str,
 ) -> None:
     with driving(protocol) as drive:
-        first = len(drive.sent_s)
-        drive.simulator.stall(2.0 * LEASE_S)
-        drive.send_for(2.0 * LEASE_S)
-        arrived = drive.arrive()
-        assert arrived[0][0] > first + 0.5 * LEASE_S / PERIOD_S
-        assert max(age_s for _, age_s in arrived) < 0.5 * LEASE_S
+        with WithheldTime() as withheld:
+            began_s = time.monotonic()
+            drive.simulator.stall(2.0 * LEASE_S)
+            drive.send_for(2.0 * LEASE_S)
+            arrived = drive.arrive()
+        assert drive.sent_s[arrived[0][0]] > began_s + 0.5 * LEASE_S
+        assert max(age_s for _, age_s in arrived) < 0.5 * LEASE_S + withheld.total_s
 
 
 def test_a_cut_over_tcp_within_the_lease_ends_with_the_next_retransmission() -> None:
@@ -155,7 +160,7 @@ def test_a_cut_over_tcp_within_the_lease_ends_with_the_next_retransmission() -> 
         drive.simulator.restore()
         arrived = drive.arrive()
         assert [number for number, _ in arrived] == list(range(first, first + len(arrived)))
-        assert arrived[0][1] >= 0.6 - 0.001  # 0.2 s, and then 0.4 s.
+        assert arrived[0][1] >= 0.6 - 0.001  # 0.2 s, then 0.4 s.
 
 
 def test_losses_over_udp_are_losses_of_commands() -> None:
@@ -173,7 +178,7 @@ def test_losses_over_udp_are_losses_of_commands() -> None:
     missing = count - len(numbers)
     assert numbers == sorted(set(numbers))
     assert missing == pytest.approx(count * loss, abs=5.0 * math.sqrt(count * loss * (1 - loss)))
-    assert 0 <= lost - missing <= 20  # Some that were lost only said that the session lives.
+    assert 0 <= lost - missing <= 20  # Some losses were only keep-alives.
 
 
 def test_losses_over_tcp_lose_no_command() -> None:
@@ -190,7 +195,7 @@ def test_losses_over_tcp_lose_no_command() -> None:
 
 
 def test_a_session_opens_over_the_slowest_link_that_a_lease_allows() -> None:
-    """1.0 s is the most that commands may be old; the handshake is three round trips."""
+    """The maximum command age is 1.0 s; the handshake takes three round trips."""
     link = LinkSpec.parse("delay=450ms")
     with (
         Bus(node_config(["tcp/127.0.0.1:0"])) as robot,

@@ -115,7 +115,7 @@ def flat(parts: list[Any]) -> Array:
 
 @st.composite
 def damaged(draw: st.DrawFn) -> tuple[str, bytes]:
-    """Payloads of either byte order that are intact, cut off, extended or have wrong bytes."""
+    """Payloads of either byte order, intact, truncated, extended or with wrong bytes."""
     type_name, payload = draw(messages)
     if draw(st.booleans()):
         read = STORE.deserialize_cdr(payload, type_name)
@@ -155,7 +155,7 @@ def test_the_same_payloads_are_accepted_with_the_same_values(message: tuple[str,
 
 
 def test_decoded_numbers_are_native_and_writable() -> None:
-    """A big-endian payload leaves no foreign byte order in arrays of the control loop."""
+    """Arrays in the control loop have native byte order, also from a big-endian payload."""
     body = struct.pack(">iII5s7x6d", 7, 8, 5, b"odom", *range(6))
     twist = decode_twist(b"\x00\x00\x00\x00" + body).twist
     assert twist.dtype == np.dtype(float)

@@ -1,4 +1,4 @@
-"""What makes a sample a command, and what it is counted under when it is none."""
+"""Decoding of command samples, and the drop counter of invalid ones."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from tsd_twin.lie import Array
 from tsd_twin.messages.cdr import TwistStamped, encode_twist
-from tsd_twin.messages.commands import Sample, decode_command, encode_attachment
+from tsd_twin.messages.commands import decode_command, encode_attachment
 from tsd_twin.messages.errors import MessageError
+from tsd_twin.messages.topics import Sample
 
 KEY = "twin/tsd/cmd/alice/twist"
 LEASE = bytes(range(16))

@@ -1,4 +1,4 @@
-"""Display names of operators: text in any script, which changes nothing around it."""
+"""Display names of operators are text in any script, without effect on the text around."""
 
 from __future__ import annotations
 

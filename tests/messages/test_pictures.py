@@ -1,4 +1,4 @@
-"""Messages of cameras, against rosbags."""
+"""Camera messages, against rosbags."""
 
 from __future__ import annotations
 

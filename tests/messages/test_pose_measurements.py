@@ -1,4 +1,4 @@
-"""Poses that others see, as ROS has them: what is on a floor comes through, the rest has a name."""
+"""External ROS poses: planar ones are accepted, and others are refused with a code."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from tsd_twin.lie import SE2
 from tsd_twin.messages.cdr import BASE, ODOM
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.pose import PoseStamped, decode_pose_measurement, encode_pose
+from tsd_twin.messages.topics import Sample
 
 KEY = "twin/tsd/sensor/pose"
 places = st.floats(-1e3, 1e3)

@@ -14,7 +14,7 @@ VECTORS = Path(__file__).parent / "reasons.json"
 
 
 def vectors() -> str:
-    """Reasons with their sentences, one per line; `python -m` of this module writes them again."""
+    """Codes with their sentences, one per line; `python -m` of this module writes the file."""
     rows = [
         {
             "reason": msgspec.to_builtins(reason),
@@ -28,7 +28,7 @@ def vectors() -> str:
 
 
 def test_vectors_are_up_to_date() -> None:
-    """web/tests/text/reasons.test.ts holds the formatter of the page to them."""
+    """web/tests/text/reasons.test.ts compares the page's formatter with them."""
     assert VECTORS.read_text(encoding="utf-8") == vectors()
 
 

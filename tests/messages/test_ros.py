@@ -27,10 +27,10 @@ from tsd_twin.messages.cdr import (
 from tsd_twin.messages.errors import MessageError
 
 anything = st.floats()
-"""Also NaN, infinities and denormals: what cannot be obeyed can still be read."""
+"""Includes NaN, infinities and denormals, which are decoded but not obeyed."""
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 stamps = st.integers(0, 2**31 * 10**9 - 1)
-"""Nanoseconds that fit the 32 bits of seconds in a ROS time."""
+"""Nanoseconds whose seconds fit into the 32 bits of a ROS time."""
 names = st.text(st.characters(exclude_characters="\0", exclude_categories=("Cs",)), max_size=30)
 
 
@@ -40,7 +40,7 @@ def vectors(size: int, of: st.SearchStrategy[float] = anything) -> st.SearchStra
 
 @pytest.fixture(scope="module")
 def humble() -> Any:
-    """The message definitions of another ROS release than the one that the code uses."""
+    """Message definitions of another ROS release than the one used in the code."""
     return get_typestore(Stores.ROS2_HUMBLE)
 
 
@@ -50,7 +50,7 @@ def string(text: str) -> bytes:
 
 
 def aligned(parts: list[bytes], size: int) -> None:
-    """CDR aligns numbers to their size, counted from behind the four bytes of the header."""
+    """CDR aligns numbers to their size, counted from the end of the 4-byte header."""
     parts.append(b"\0" * (-(sum(map(len, parts)) - 4) % size))
 
 
@@ -133,7 +133,7 @@ def test_odometry_is_read_by_another_reader_with_the_frames_and_axes_of_ros(
     assert read.header.stamp.sec * 10**9 + read.header.stamp.nanosec == stamp_ns
     position, turn = read.pose.pose.position, read.pose.pose.orientation
     assert [position.x, position.y, position.z] == [*xy, 0.0]
-    # Heading from a quaternion as REP-103 has it: a turn about Z, counter-clockwise from above.
+    # REP-103 heading from a quaternion: a turn about Z, counter-clockwise from above.
     np.testing.assert_allclose(
         [1 - 2 * turn.z**2, 2 * turn.w * turn.z, turn.x, turn.y],
         [np.cos(heading), np.sin(heading), 0, 0],
@@ -204,7 +204,7 @@ VALID = (
 
 @st.composite
 def payloads(draw: st.DrawFn) -> bytes:
-    """Noise, and messages that are cut off, drawn out or damaged."""
+    """Noise, and truncated, extended or damaged messages."""
     payload = bytearray(draw(st.binary(max_size=200) | st.sampled_from(VALID)))
     for _ in range(draw(st.integers(0, 4))):
         if payload:

@@ -1,4 +1,4 @@
-"""Requests: what is missing is named, and nothing a peer sends can do more than be refused."""
+"""Requests: missing fields are named, and invalid requests are only refused."""
 
 from __future__ import annotations
 

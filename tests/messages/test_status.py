@@ -1,4 +1,4 @@
-"""The status as a reader with nothing but JSON sees it, and the stamp on all that a robot sends."""
+"""The status as plain JSON, and the stamp on all messages of a robot."""
 
 from __future__ import annotations
 
@@ -177,7 +177,7 @@ def test_a_stamp_of_another_size_is_a_shape_error(stamp: bytes) -> None:
 @pytest.mark.parametrize("opening", [b"[", b'{"a":'])
 @pytest.mark.parametrize("levels", [9, 500, 50_000])
 def test_a_status_that_is_nested_too_deeply_is_none(opening: bytes, levels: int) -> None:
-    """What could be read, but not be written again, would close the socket of every page."""
+    """A status that decodes but cannot be encoded again would close the socket of every page."""
     closing = b"]" if opening == b"[" else b"}"
     inner = opening * levels + b"0" + closing * levels
     with pytest.raises(MessageError, match="shape"):

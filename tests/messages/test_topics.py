@@ -1,4 +1,4 @@
-"""The table of topics: its keys, and the ids that may be part of them."""
+"""The table of topics: keys, and ids allowed in them."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ def test_keys_are_those_that_other_programs_rely_on() -> None:
         "twin/r1/state/odom_alternative": "nav_msgs/msg/Odometry",
         "twin/r1/state/truth": "nav_msgs/msg/Odometry",
         "twin/r1/state/status": "json",
+        "twin/r1/state/summary": "msgpack",
         "twin/r1/event/*": "json",
         "twin/r1/log/inputs": "msgpack",
     }

@@ -1,4 +1,4 @@
-"""Odometry of a sphere that turns in place, as ROS has orientations and angular velocities."""
+"""Odometry of a sphere turning in place, with ROS orientations and angular velocities."""
 
 from __future__ import annotations
 

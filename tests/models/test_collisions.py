@@ -1,4 +1,4 @@
-"""Nothing that moves touches anything else, up to the limit of both gimbals at once."""
+"""Moving parts touch no others, up to the limit of both gimbals at once."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from tsd_twin.robots import RobotDescription, load_robot
 ROBOTS = {"tsd": load_robot("tsd"), **VARIANTS}
 SHARES = (-1.0, -0.5, 0.0, 0.5, 1.0)
 TOUCHING_MM3 = 0.01
-"""Less than this is rounding: vertices are on a grid of a micrometre."""
+"""Smaller overlaps are rounding, because vertices are on a grid of 1 µm."""
 
 
 class Machine:
-    """The solids of a robot in millimetres, posed in the frame of the chassis."""
+    """Solids of a robot in millimetres, posed in the chassis frame."""
 
     def __init__(self, robot: RobotDescription) -> None:
         self.robot = robot
@@ -51,7 +51,7 @@ def overlap_mm3(a: Manifold, b: Manifold) -> float:
 
 
 def test_the_measure_sees_an_overlap() -> None:
-    """A frame tilted far beyond the limit does hit the chassis."""
+    """A frame tilted far beyond the limit hits the chassis."""
     machine = Machine(ROBOTS["tsd"])
     frame = machine.at_module(machine.tilted("outer", 0.0, 60.0), 0)
     assert overlap_mm3(frame, machine.links["chassis"]) > 100.0 * TOUCHING_MM3

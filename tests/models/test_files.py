@@ -1,4 +1,4 @@
-"""Committed meshes are what the generator makes; folders can be written, read, and be wrong."""
+"""Committed meshes match the generator; folders can be written, read, and be invalid."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ TSD = ("chassis", "outer", "inner", "wheel")
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Return a copy of the committed files of the shipped robot."""
+    """Return a copy of the committed files of the `tsd` robot."""
     return Path(shutil.copytree(shipped_model("tsd"), tmp_path / "tsd"))
 
 
@@ -54,9 +54,9 @@ def test_the_urdf_of_a_robot_of_ones_own_is_drawn() -> None:
 
 @pytest.mark.parametrize("name", robot_names())
 def test_what_a_robot_is_not_drawn_by_is_not_read_by_what_draws(name: str) -> None:
-    """So a robot that was calibrated has the URDF of the shipped one; and that is the drawn one."""
+    """So a calibrated robot has the URDF of the original, which is the drawn one."""
     robot = load_robot(name)
-    # Tables of sensors are checked when a description is made.
+    # Sensor tables are checked when a description is created.
     fields = robot.not_drawn & set(robot.__struct_fields__) - {"sensor_tables"}
     unread = {field: object() for field in fields}
     assert len(unread) >= 6
@@ -65,7 +65,7 @@ def test_what_a_robot_is_not_drawn_by_is_not_read_by_what_draws(name: str) -> No
 
 
 def test_a_robot_node_starts_without_what_draws() -> None:
-    """Its URDF is a file, and loading what draws would take half of its start."""
+    """Its URDF is a file, and loading the drawing modules would take half of its start."""
     code = """
 import json, sys, tsd_bridge, tsd_mock
 from tsd_twin import models, robots
@@ -88,7 +88,7 @@ def test_committed_files_are_small(name: str) -> None:
 
 @pytest.mark.parametrize("name", robot_names())
 def test_committed_meshes_are_closed_and_have_no_flat_triangles(name: str) -> None:
-    """Also after corners at the same place have been merged, as every reader of STL does."""
+    """Also after merging corners at the same place, as every STL reader does."""
     for path in shipped_model(name).glob("*.stl"):
         mesh = trimesh.load_mesh(path)
         assert mesh.is_volume, path.name

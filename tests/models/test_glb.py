@@ -1,4 +1,4 @@
-"""Binary glTF: the same shapes and materials, with shading that tells edges from curves."""
+"""Binary glTF: same shapes and materials, with shading that distinguishes edges from curves."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_curved_surfaces_are_shaded_as_the_sphere_they_stand_for() -> None:
 
 
 def test_flat_faces_are_shaded_flat() -> None:
-    """On a box, and on the decks, every corner has the normal of the face it belongs to."""
+    """On a box and on the decks, every corner has the normal of its face."""
     box = Part("box", "wheel", trimesh.creation.box((0.1, 0.2, 0.3)), GREY)
     decks = next(part for part in PARTS["chassis"] if part.name == "decks")
     for part in (box, decks):

@@ -1,4 +1,4 @@
-"""The shape of a robot from the URDF of others, against another reader, and from hostile text."""
+"""Robot shape from a third-party URDF, against another reader, and from hostile text."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tsd_twin.robots.external import MOST_JOINTS, NOT_PROMISED
 
 calm = settings(deadline=None, max_examples=25)
 TOLERANCE_M = 2e-3
-"""Places have four decimals, angles two of a degree; errors add up along a chain."""
+"""Positions have four decimals, angles two of a degree; errors add up along a chain."""
 ONE_LINK = '<link name="a"><visual><geometry><box size="1 1 1"/></geometry></visual></link>'
 
 
@@ -67,7 +67,7 @@ def urdf_of(rng: np.random.Generator, links: int) -> str:
         ET.SubElement(joint, "child", link=f"l{i}")
         ET.SubElement(joint, "origin", xyz=numbers(3, 0.5), rpy=numbers(3, 3.0))
         axis = rng.normal(size=3)
-        axis /= np.linalg.norm(axis)  # The other reader takes the length of an axis for a factor.
+        axis /= np.linalg.norm(axis)  # The other reader multiplies by the length of an axis.
         ET.SubElement(joint, "axis", xyz=" ".join(map(str, axis)))
         ET.SubElement(joint, "limit", lower="-9", upper="9", effort="1", velocity="1")
     return ET.tostring(root, encoding="unicode")
@@ -111,7 +111,7 @@ def test_every_shape_is_where_another_reader_has_it_at_any_joints(seed: int, lin
     ends = np.array(ours)
     for row in np.array(theirs):
         assert np.abs(ends - row).max(axis=1).min() < TOLERANCE_M
-    # No part is below the floor, where joints are at zero.
+    # No part is below the floor, with joints at zero.
     assert shape.collision.vertices[:, 2].min() > -TOLERANCE_M
 
 

@@ -1,4 +1,4 @@
-"""Masses and inertias, against formulas from a handbook."""
+"""Masses and inertias, against handbook formulas."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def of_brick(size: tuple[float, float, float], mass: float) -> np.ndarray:
 def test_a_brick_has_the_inertia_of_a_brick(
     size: tuple[float, float, float], at: tuple[float, float, float]
 ) -> None:
-    """Whatever its density: the mass is given."""
+    """For any density, because the mass is given."""
     centre, tensor = inertia([brick(size, at, 123.0)], 2.5)
     np.testing.assert_allclose(centre, at, atol=1e-7)
     np.testing.assert_allclose(tensor, of_brick(size, 2.5), rtol=1e-3, atol=1e-9)

@@ -1,8 +1,10 @@
-"""Platforms on rollers and spheres: drawn, hung and weighed as they are described."""
+"""Geometry, suspension and mass of wheeled platforms match their description."""
 
 from __future__ import annotations
 
 import itertools
+import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,6 @@ from hypothesis import strategies as st
 from manifold3d import Manifold
 from scipy.spatial.transform import Rotation
 
-from tests.support.platform_models import PLATFORMS, SPHERES, lowest_roller_axis, pieces, ring
 from tests.support.robot_solids import solid
 from tsd_twin.errors import RobotFileError
 from tsd_twin.lie import SO3, Array
@@ -27,17 +28,101 @@ from tsd_twin.models import (
     shipped_model,
     write_model,
 )
-from tsd_twin.models.solids import Parts
-from tsd_twin.robots import RobotDescription, SphereDescription, load_robot, robot_names
+from tsd_twin.models.solids import Part, Parts
+from tsd_twin.robots import (
+    OmniDescription,
+    RobotDescription,
+    SphereDescription,
+    load_robot,
+    robot_names,
+)
+from tsd_twin.robots.omni import OmniGeometry, OmniWheel, SphereGeometry, SphereWheel
+
+
+def omni(name: str) -> OmniDescription:
+    robot = load_robot(name)
+    assert isinstance(robot, OmniDescription)
+    return robot
+
+
+def sphere(name: str) -> SphereDescription:
+    robot = load_robot(name)
+    assert isinstance(robot, SphereDescription)
+    return robot
+
+
+def ring(count: int, reach_m: float, radius_m: float, roller_deg: float = 0.0) -> OmniDescription:
+    """Return a platform on wheels in a circle, which drive along it."""
+    wheels = [
+        OmniWheel(
+            reach_m * math.cos(2.0 * math.pi * i / count),
+            reach_m * math.sin(2.0 * math.pi * i / count),
+            360.0 * i / count - 90.0,
+            roller_deg,
+        )
+        for i in range(count)
+    ]
+    base = omni("kiwi")
+    return msgspec.structs.replace(
+        base,
+        drive=OmniGeometry(wheel_radius_m=radius_m, wheels=wheels),
+        mass=msgspec.structs.replace(base.mass, total_kg=1.0 * count),
+    )
+
+
+def mounted(below_equator_deg: float, turns_deg: Sequence[float]) -> SphereDescription:
+    """Return a sphere on wheels in another mounting."""
+    base = sphere("atlas")
+    count = len(turns_deg)
+    wheels = [
+        SphereWheel(360.0 * i / count + 17.0, below_equator_deg, turn)
+        for i, turn in enumerate(turns_deg)
+    ]
+    geometry: SphereGeometry = msgspec.structs.replace(base.drive, wheels=wheels)
+    return msgspec.structs.replace(base, drive=geometry)
+
+
+PLATFORMS = {
+    "omni4": omni("omni4"),
+    "kiwi": omni("kiwi"),
+    "mecanum": omni("mecanum"),
+    "six wheels": ring(6, 0.4, 0.06),
+    "slanting": ring(4, 0.25, 0.05, 30.0),
+}
+SPHERES = {
+    "atlas": sphere("atlas"),
+    "orthogonal": mounted(math.degrees(math.asin(math.sqrt(1.0 / 3.0))), [0.0, 0.0, 0.0]),
+    "four wheels": mounted(35.0, [0.0, 20.0, 0.0, 20.0]),
+}
+
+
+def pieces(parts: Sequence[Part], name: str) -> list[Manifold]:
+    """Return the solids that a part consists of, in millimetres."""
+    (part,) = (part for part in parts if part.name == name)
+    return list(solid([part]).decompose())
+
+
+def lowest_roller_axis(parts: Sequence[Part]) -> Array:
+    """Return the unit vector (3,) along the roller at the contact, by the shape of it alone."""
+    rollers = pieces(parts, "rollers")
+    roller = min(rollers, key=lambda piece: float(np.mean(_corners(piece)[:, 2])))
+    corners = _corners(roller)
+    _, _, axes = np.linalg.svd(corners - corners.mean(axis=0))
+    return axes[0]
+
+
+def _corners(piece: Manifold) -> Array:
+    return np.asarray(piece.to_mesh().vert_properties, np.float64)[:, :3]
+
 
 ALL: dict[str, RobotDescription] = {**PLATFORMS, **SPHERES}
 ATLAS = yourdfpy.URDF.load(str(shipped_model("atlas") / "atlas.urdf"), load_meshes=False)
 TOUCHING_MM3 = 0.5
-"""Rollers and sphere are drawn with corners: where they touch they may dip in by a hair."""
+"""Rollers and sphere are polyhedra, so contacts may overlap slightly."""
 
 
 class Machine:
-    """A robot in MuJoCo, from the files that are written for it, and as solids."""
+    """A robot in MuJoCo, from its generated files, and as solids."""
 
     def __init__(self, robot: RobotDescription, folder: Path) -> None:
         self.robot: Any = robot
@@ -50,14 +135,14 @@ class Machine:
         self.data = mujoco.MjData(self.mujoco)
 
     def turning(self, speeds: Array) -> None:
-        """Let the wheels turn."""
+        """Turn the wheels."""
         mujoco.mj_resetData(self.mujoco, self.data)
         for joint, speed in zip(self.drive.joints, speeds, strict=True):
             self.data.qvel[self.mujoco.joint(joint.name).dofadr[0]] = speed
         mujoco.mj_forward(self.mujoco, self.data)
 
     def wheels(self) -> list[tuple[str, str]]:
-        """Return kind and name of each wheel link, in the order of the joints."""
+        """Return kind and name of each wheel link, in joint order."""
         found = {
             joint: (group.kind, name)
             for group in self.tree.link_groups
@@ -66,7 +151,7 @@ class Machine:
         return [found[joint.name] for joint in self.drive.joints]
 
     def posed(self, kind: str, name: str, spin: float = 0.0) -> Manifold:
-        """Return a link as a solid in millimetres, where MuJoCo has it, above the floor."""
+        """Return a link as a solid in millimetres, at its pose in MuJoCo, above the floor."""
         body = self.data.body(name)
         turn = SO3.exp(spin * np.array([0.0, 1.0, 0.0])).as_matrix()
         shape = solid(self.parts[kind]).transform(np.hstack([turn, np.zeros((3, 1))]))
@@ -82,7 +167,7 @@ def machine(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 
 
 def rim_velocity(machine: Machine, name: str, down: Array) -> Array:
-    """Return the velocity (3,) of the rim where a wheel touches, by the joint alone, m/s."""
+    """Return the rim velocity (3,) at a wheel's contact, from the joint alone, m/s."""
     spatial = np.zeros(6)
     body = machine.mujoco.body(name).id
     mujoco.mj_objectVelocity(
@@ -93,7 +178,7 @@ def rim_velocity(machine: Machine, name: str, down: Array) -> Array:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_no_roller_slips_along_its_axle(machine: Machine, seed: int) -> None:
-    """The axle is measured on the drawn roller; along it, rim and floor or sphere go alike."""
+    """The axle is measured on the drawn roller; along it, rim and floor or sphere move alike."""
     twist = 0.3 * np.random.default_rng(seed).normal(size=3)
     machine.turning(machine.drive.inverse(twist))
     for kind, name in machine.wheels():
@@ -107,7 +192,7 @@ def test_no_roller_slips_along_its_axle(machine: Machine, seed: int) -> None:
             other = np.cross(twist, contact - centre)
         else:
             vx, vy, omega = twist
-            # The axle goes over a floor that stands still.
+            # The floor is at rest.
             rim += np.array([vx, vy, 0.0]) + np.cross([0.0, 0.0, omega], contact)
             other = np.zeros(3)
         axle = turn @ lowest_roller_axis(machine.parts[kind])
@@ -125,12 +210,12 @@ def test_wheels_touch_floor_or_sphere_and_nothing_else_does(machine: Machine) ->
         else:
             assert contact[2] == pytest.approx(0.0, abs=1e-9)
     low = machine.posed("chassis", "base_link").bounding_box()[2]
-    # The feet of a stand are on the floor, as are wheels that only measure.
+    # The feet of a stand are on the floor, as are tracking wheels.
     assert low > -0.01
 
 
 def test_every_wheel_is_round_to_the_last_roller(machine: Machine) -> None:
-    """Seen along the axle, the rollers reach the rim at every angle, and nowhere beyond it."""
+    """Seen along the axle, the rollers reach the rim at every angle, and not beyond."""
     radius_mm = 1e3 * machine.robot.drive.wheel_radius_m
     for kind in {kind for kind, _ in machine.wheels()}:
         seen = solid(part for part in machine.parts[kind] if part.name == "rollers")
@@ -140,7 +225,7 @@ def test_every_wheel_is_round_to_the_last_roller(machine: Machine) -> None:
         reaching = corners[np.hypot(*corners.T) > 0.97 * radius_mm]
         angles = np.sort(np.arctan2(reaching[:, 1], reaching[:, 0]))
         gaps = np.diff(np.append(angles, angles[0] + 2.0 * np.pi))
-        # Between two corners a straight line cannot go farther inside than its sagitta.
+        # Between two corners a straight edge is inside by at most its sagitta.
         assert 1.0 - np.cos(0.5 * gaps.max()) < 0.03
 
 
@@ -196,7 +281,7 @@ def test_joints_are_those_of_the_kinematics(machine: Machine) -> None:
 def test_a_sphere_in_urdf_can_be_turned_to_every_orientation(
     axis: tuple[float, float, float],
 ) -> None:
-    """Yaw, pitch, roll of the intermediate links, as `scipy` has them, make the rotation."""
+    """Yaw, pitch and roll of the intermediate links, by `scipy`, compose the rotation."""
     wanted = Rotation.from_rotvec(axis)
     yaw, pitch, roll = wanted.as_euler("ZYX")
     ATLAS.update_cfg({"sphere_turn_yaw": yaw, "sphere_turn_pitch": pitch, "sphere_turn_roll": roll})
@@ -229,7 +314,7 @@ def test_any_number_of_wheels_of_any_slant_can_be_drawn(
 
 
 def test_marks_tell_the_ends_of_the_axes_of_a_sphere() -> None:
-    """The front mark is at +X, the one called up at +Z, and every field has its own octant."""
+    """The front mark is at +X, the upper one at +Z, and every field has its own octant."""
     marks = {part.name: part.mesh for part in draw_parts(load_robot("atlas"))["sphere"]}
     for name, axis in (("front", 0), ("up", 2)):
         middle = marks[name].vertices.mean(axis=0)

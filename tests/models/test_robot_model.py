@@ -1,4 +1,4 @@
-"""What is drawn is closed, true to the description, and the same every time."""
+"""Drawn parts are closed solids, match the description, and are reproducible."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_any_number_of_modules_of_any_size_can_be_drawn(
     assert np.linalg.norm(shell, axis=1).max() == pytest.approx(wheel_m, rel=1e-3)
     assert shell[:, 2].min() == pytest.approx(-wheel_m, abs=2e-6)
     assert shell[:, 2].max() == pytest.approx(0.0, abs=2e-6)
-    # One servo behind each pivot; their cases do not reach each other.
+    # One servo behind each pivot, with cases that do not overlap.
     (servos,) = (part for part in parts["chassis"] if part.name == "servos")
     middles = [
         np.mean(case.to_mesh().vert_properties, axis=0) for case in solid([servos]).decompose()
@@ -65,7 +65,7 @@ def test_any_number_of_modules_of_any_size_can_be_drawn(
     directions = np.array([np.arctan2(y, x) for x, y, _ in middles])
     apart = np.abs(np.angle(np.exp(1j * (directions[:, None] - np.radians(azimuths)))))
     assert set(apart.argmin(axis=1)) == set(range(count))
-    # Nothing but wheels touches the floor.
+    # Only wheels touch the floor.
     assert min(corners(parts, link)[:, 2].min() for link in ("chassis", "outer")) > -wheel_m
 
 

@@ -1,4 +1,4 @@
-"""The drawing board: which way round things come out, and how round circles are."""
+"""Solids: orientation of the parts, and roundness of circles."""
 
 from __future__ import annotations
 

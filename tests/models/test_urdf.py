@@ -1,4 +1,4 @@
-"""The URDF loads in other people's programs, and means what the kinematics mean."""
+"""The URDF loads in third-party programs, and matches the kinematics."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ unhurried = settings(deadline=None, max_examples=30)
 
 
 class Model:
-    """A robot as two independent programs see it."""
+    """A robot in two independent programs."""
 
     def __init__(self, robot: RobotDescription, folder: Path) -> None:
         path = folder / f"{robot.name}.urdf"
@@ -41,7 +41,7 @@ class Model:
         self.data = mujoco.MjData(self.mujoco)
 
     def joints(self, tilts: list[float], spin: float) -> Array:
-        """Return a joint vector with the gimbals at shares `tilts` of the limit."""
+        """Return a joint vector with the gimbals at fractions `tilts` of the limit."""
         limit = self.drive.max_tilt_rad
         flat = np.resize(np.array(tilts), 3 * self.drive.modules) * limit
         flat[2::3] = spin
@@ -82,7 +82,7 @@ tilts = st.lists(shares, min_size=12, max_size=12)
 def test_axles_posed_by_joint_angles_roll_as_the_kinematics_say(
     model: Model, tilts: list[float], spin: float
 ) -> None:
-    """v = r_w spin l x z, with the axle l from the posed URDF, is `contacts` of the kinematics."""
+    """v = r_w spin l x z, with the axle l from the posed URDF, equals `contacts`."""
     joints = model.joints(tilts, spin)
     expected = model.drive.contacts(joints)
     model.in_mujoco(joints, np.zeros_like(joints))
@@ -103,7 +103,7 @@ def test_axles_posed_by_joint_angles_roll_as_the_kinematics_say(
 def test_turning_gimbals_roll_as_the_kinematics_say(
     model: Model, tilts: list[float], rates: list[float]
 ) -> None:
-    """Angular velocities in MuJoCo move the pivots as `contacts` with gimbal rates does."""
+    """Angular velocities in MuJoCo move the pivots like `contacts` with gimbal rates."""
     joints = model.joints(tilts, 200.0)
     change = np.resize(np.array(rates), joints.shape)
     expected = model.drive.contacts(joints, change)
@@ -162,7 +162,7 @@ def test_masses_add_up_and_inertias_are_possible(model: Model) -> None:
     assert model.mujoco.body_mass.sum() == pytest.approx(model.robot.mass.total_kg)
     wheel = model.mujoco.body("module1_wheel")
     assert wheel.mass[0] == pytest.approx(model.robot.mass.wheel_kg)
-    # A spinning wheel is balanced: its centre is on the axle, as is a principal axis.
+    # A spinning wheel is balanced: its centre and a principal axis are on the axle.
     np.testing.assert_allclose(wheel.ipos[:2], 0.0, atol=2e-5)
     for link in model.urdf.robot.links:
         if link.name == "base_footprint":
@@ -211,7 +211,7 @@ def test_committed_urdf_shows_its_meshes_in_yourdfpy() -> None:
 
 
 def test_the_text_can_be_parsed_as_it_comes_over_the_bus() -> None:
-    """Parsers of text, as opposed to bytes, refuse an encoding in its first line."""
+    """Parsers of text, unlike bytes, refuse an encoding in its first line."""
     text = urdf(ROBOTS["tsd"], draw_parts(ROBOTS["tsd"]))
     assert text.startswith('<?xml version="1.0"?>\n')
     read = yourdfpy.URDF.load(io.StringIO(text), load_meshes=False)

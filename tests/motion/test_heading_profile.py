@@ -1,4 +1,4 @@
-"""Heading profiles against the clamped cubic splines of scipy."""
+"""Heading profiles against scipy's clamped cubic splines."""
 
 from __future__ import annotations
 

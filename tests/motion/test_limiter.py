@@ -1,4 +1,4 @@
-"""Limits that scale the whole twist: what they keep, what they never exceed, where they arrive."""
+"""Limits that scale the whole twist: invariants, bounds and final twist."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ DT_S = 0.01
 ROUNDING = 1.0 + 1e-9
 
 magnitudes = st.sampled_from([1e-300, 1e-9, 1e-3, 0.1, 1.0, 1.0, 3.0, 30.0, 1e9, 1e300])
-"""Near zero and far beyond all limits, on purpose."""
+"""Deliberately near zero and far beyond all limits."""
 
 
 @st.composite
@@ -31,20 +31,20 @@ def twists(draw: st.DrawFn, largest: float = np.inf) -> Array:
 
 
 class Case:
-    """A limiter, with its limits stated without it."""
+    """A limiter with independently stated limits."""
 
     def __init__(self, drive: SingularityKinematics, limits: Limits) -> None:
         self.drive, self.limits = drive, limits
         self.limiter = TwistLimiter(drive, limits)
 
     def sines(self, twist: Array) -> Array:
-        """Sine of the tilt of each module: how fast its pivot moves, over how fast it spins."""
+        """Sine of each module's tilt: pivot speed over rim speed."""
         x, y = self.drive.pivots_m.T
         ground = np.hypot(twist[0] - twist[2] * y, twist[1] + twist[2] * x)
         return ground / (self.drive.wheel_radius_m * abs(self.drive.spin_rad_per_s))
 
     def usage(self, twist: Array, share: float = 1.0) -> list[float]:
-        """How much of each limit a twist uses: speed, turn rate, tilt."""
+        """Fraction of each limit that a twist uses: speed, turn rate, tilt."""
         limits = self.limits
         return [
             float(np.hypot(*twist[:2]) / (limits.speed_mps * share)),
@@ -55,7 +55,7 @@ class Case:
 
 @st.composite
 def cases(draw: st.DrawFn) -> Case:
-    """The shipped robot, or any other."""
+    """The `tsd` robot, or any other."""
     if draw(st.booleans()):
         return Case(ROBOT.kinematics(), ROBOT.limits)
     drive = SingularityKinematics(
@@ -109,7 +109,7 @@ def test_a_request_beyond_all_measure_asks_for_full_speed(size: float) -> None:
     np.testing.assert_allclose(mixed, mixed[0], rtol=1e-12)
 
 
-# On the way.
+# Transition.
 
 
 def advance(
@@ -152,14 +152,14 @@ def test_no_gimbal_is_asked_to_turn_faster_than_its_servo_can(
 ) -> None:
     current = case.limiter.cap(start)
     following = advance(case.limiter, current, request, dt_s)
-    # Angles of the joints before and after, by the kinematics, not by the limiter's bound.
+    # Joint angles before and after, from the kinematics instead of the limiter's bound.
     change = (case.drive.inverse(following) - case.drive.inverse(current)).reshape(-1, 3)[:, :2]
     assert np.abs(change).max() <= case.drive.max_tilt_rate_rad_per_s * dt_s * ROUNDING + 1e-12
 
 
 @pytest.mark.parametrize("tilt_rate", [0.2, 0.7, 1.2])
 def test_slow_servos_slow_the_robot_down(tilt_rate: float) -> None:
-    """Wheels that turn slowly tilt far for little speed, so here it is the servos that limit."""
+    """Wheels that turn slowly tilt far for little speed, so here the servos limit."""
     drive = ROBOT.kinematics().with_spin(60.0)
     drive = dataclasses.replace(drive, max_tilt_rate_rad_per_s=tilt_rate)
     limiter = TwistLimiter(drive, ROBOT.limits)
@@ -216,7 +216,7 @@ def test_a_batch_is_each_of_its_members(
         np.testing.assert_allclose(together[i], alone, rtol=1e-12, atol=1e-300)
 
 
-# Figures of the shipped robot.
+# Numbers of the `tsd` robot.
 
 
 def run(request: Array, start: Array, seconds: float) -> Array:

@@ -1,4 +1,4 @@
-"""Paths by arc length, against dense polygons and closed forms that share no code with them."""
+"""Paths by arc length, against dense polygons and closed forms, without shared code."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_arc_length_is_what_a_fine_polygon_measures(path: Path) -> None:
     s = np.linspace(0.0, path.length_m, 20_001)
     steps = np.hypot(*np.diff(path.at(s).xy, axis=0).T)
     assert steps.sum() == pytest.approx(path.length_m, rel=1e-6)
-    # A step that goes around a corner is shorter; there are four at most.
+    # A step around a corner is shorter; there are at most four.
     assert np.sort(steps / np.diff(s))[5] == pytest.approx(1.0, abs=1e-5)
 
 
@@ -77,7 +77,7 @@ def test_lengths_in_closed_form() -> None:
     assert parabola(1.0, 0.0, 0.0, -1.0, 1.0).length_m == pytest.approx(
         np.sqrt(5.0) + np.arcsinh(2.0) / 2.0, rel=1e-12
     )
-    # A wave of the sine: an elliptic integral.
+    # One wave of the sine: an elliptic integral.
     whole = 4.0 * np.sqrt(2.0) * ellipe(0.5)
     assert function(np.sin, 0.0, 2.0 * np.pi).length_m == pytest.approx(whole, rel=1e-8)
 

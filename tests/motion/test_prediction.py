@@ -1,4 +1,4 @@
-"""What is predicted against what a simulated robot then does, behind a link with delay."""
+"""Predictions against the motion of a simulated robot, over a link with delay."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ DRIVE = ROBOT.kinematics()
 
 
 class FarPilot:
-    """A robot whose states come late and whose commands arrive late, in virtual time."""
+    """A robot behind a link that delays states and commands, in virtual time."""
 
     def __init__(self, delay_s: float, **lease: float) -> None:
         self.rig = ControllerHarness(SimRobot(ROBOT))
         self.pilot: HarnessOperator = self.rig.get_ready(**lease)
         self._late = round(delay_s / PERIOD_S)
-        """Periods of each way."""
+        """Delay of each direction, in periods."""
         self._up: deque[Array | None] = deque([None] * self._late)
         self.states: deque[tuple[float, Array, Array]] = deque(maxlen=self._late + 1)
         self.sent: list[tuple[float, Array]] = []
         self.truths: list[Array] = []
 
     def tick(self, twist: Array | None) -> None:
-        """One period, in which the pilot sends a command or none."""
+        """Run one period, with or without a command."""
         self._up.append(twist)
         if twist is not None:
             self.sent.append((self.rig.now_s, twist))
@@ -45,7 +45,7 @@ class FarPilot:
         self.truths.append(self.rig.truth())
 
     def seen(self) -> tuple[SE2, Array, list[PendingCommand]]:
-        """What the pilot knows now: an old state, and what she has sent."""
+        """Return the pilot's knowledge: an old state, and the commands sent."""
         state_s, pose, twist = self.states[0]
         late_s = self._late * PERIOD_S
         commands = [
@@ -63,7 +63,7 @@ def wild(now_s: float) -> Array:
 def test_the_prediction_is_much_nearer_than_what_is_seen(
     round_trip_s: float, times_better: float
 ) -> None:
-    """Where the robot is when the command sent now arrives, at 1 m/s with turns."""
+    """Error of the robot's pose when a command sent now arrives, at 1 m/s with turns."""
     far = FarPilot(round_trip_s / 2, max_age_s=0.25)
     predictor = Predictor(DRIVE, ROBOT.limits, LAG_S)
     ahead = round(round_trip_s / PERIOD_S)
@@ -104,7 +104,7 @@ def test_a_command_counts_from_when_it_arrives_and_within_the_limits() -> None:
     forward = PendingCommand(0.1, np.array([1e9, 0.0, 0.0]))
     predictor = Predictor(DRIVE, ROBOT.limits)
     assert not predictor.after(0.1, start, still, [forward]).xy_heading.any()
-    # 0.25 s to 1 m/s at 4 m/s^2, then on at that speed.
+    # 0.25 s to 1 m/s at 4 m/s^2, then constant speed.
     x, y, heading = predictor.after(1.1, start, still, [forward]).xy_heading
     assert x == pytest.approx(0.125 + 0.75, abs=0.01)
     assert (y, heading) == (0.0, 0.0)

@@ -1,4 +1,4 @@
-"""A smoothed timing is the running mean of the other, from rest to rest, and jerks less."""
+"""A smoothed profile is the running mean of the original, from rest to rest, with less jerk."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_speed_is_the_running_mean(length_m: float, over_s: float) -> None:
 
 @pytest.mark.parametrize("length_m", [2.5, 4.8, 5.2])
 def test_a_stop_is_exact_so_that_a_smoothed_trajectory_keeps_its_duration(length_m: float) -> None:
-    """At these lengths the last speed was 1e-10 m/s by rounding, and the duration became zero."""
+    """At these lengths, rounding left a final speed of 1e-10 m/s, and the duration became zero."""
     route = Route(line([0.0, 0.0], [length_m, 0.0]))
     plain = plan(route, DRIVE, LIMITS)
     assert plain.profile.speed_mps[-1] == 0.0
@@ -51,14 +51,14 @@ def test_acceleration_is_no_more_than_before_and_does_not_jump() -> None:
     route, over_s = Route(polyline(SQUARE)), 0.05
     plain = plan(route, DRIVE, LIMITS)
     smooth = plan(route, DRIVE, LIMITS, smooth_s=over_s)
-    # Four sides, a rest at each corner.
+    # Four sides, with a stop at each corner.
     assert smooth.duration_s == pytest.approx(plain.duration_s + 4 * over_s)
     most = np.abs(plain.profile.acceleration_mps2).max()
     t_s = np.arange(0.0, smooth.duration_s, H_S)
     acceleration = np.diff(speeds(smooth, t_s)) / H_S
     assert np.abs(acceleration).max() < 1.001 * most
     jerk = np.abs(acceleration[20:] - acceleration[:-20]) / (20 * H_S)
-    # Over a cell of the profile it does jump, by a little.
+    # Within a cell of the profile it may jump slightly.
     assert jerk.max() < 2.2 * most / over_s
     poses = smooth.at(t_s).pose
     moved = np.hypot(*np.diff(poses[:, :2], axis=0).T)

@@ -1,4 +1,4 @@
-"""Timing to the limits: closed forms, a linear program, dense sampling, dice that try to win."""
+"""Time-optimal profiles: closed forms, a linear program, dense sampling, random competitors."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ DRIVE, LIMITS = ROBOT.kinematics(), ROBOT.limits
 PATHS = by_hand()
 H_S = 1e-4
 GIVE = 1.01
-"""Between the ends of a cell the limits are kept to this."""
+"""Relative tolerance of the limits between cell ends."""
 
 
 def routes() -> dict[str, Route]:
@@ -45,13 +45,13 @@ ROUTES = routes()
 each = pytest.mark.parametrize("route", ROUTES.values(), ids=ROUTES.keys())
 
 
-# How much of the limits a motion uses, from its poses alone.
+# Usage of the limits, computed from poses alone.
 
 
 def usage(trajectory: Trajectory, drive: SingularityKinematics, limits: Limits) -> dict[str, Array]:
-    """Share of each limit at many times, by differences of poses and of gimbal angles."""
+    """Fraction of each limit at many times, by differences of poses and gimbal angles."""
     t = np.linspace(0.0, trajectory.duration_s, 3001)[1:-1]
-    # Corners and jumps of the curvature are passed at rest or in an instant: look around them.
+    # Corners and curvature jumps are passed at rest or instantly, so exclude them.
     breaks = np.array([0.0, *trajectory.route.breaks_m, trajectory.length_m])
     t = t[np.abs(trajectory.at(t).s_m[:, None] - breaks).min(axis=1) > 1e-3]
     pose = trajectory.at(t + np.array([[-H_S], [0.0], [H_S]])).pose
@@ -191,11 +191,11 @@ def test_a_share_of_the_limits_is_as_if_they_were_lower() -> None:
     assert np.hypot(*slow.at(np.linspace(0, slow.duration_s, 500)).twist[:, :2].T).max() <= 0.3001
 
 
-# Nothing is faster.
+# No faster profile exists.
 
 
 def by_linear_program(route: Route, limits: Limits, cells: int) -> tuple[Array, Array]:
-    """Highest squared speeds at each end, when circles of acceleration are 64-gons around them."""
+    """Largest squared speeds at each end, with acceleration circles replaced by 64-gons."""
     s = np.linspace(0.0, route.length_m, cells + 1)
     ds = s[1]
     angles = np.linspace(0.0, 2 * np.pi, 64, endpoint=False)
@@ -234,7 +234,7 @@ def by_linear_program(route: Route, limits: Limits, cells: int) -> tuple[Array, 
     ids=["parabola", "spline", "turning"],
 )
 def test_a_linear_program_finds_the_same_profile(route: Route) -> None:
-    """Where speeding up and slowing down are limited alike, the problem is nearly linear."""
+    """With equal limits for acceleration and braking, the problem is nearly linear."""
     limits = Limits(2.0, 100.0, 4.0, 4.0, 1e4)
     s, squared = by_linear_program(route, limits, cells=120)
     trajectory = plan(route, DRIVE, limits, cell_m=float(s[1]) / 4)
@@ -273,7 +273,7 @@ def test_whoever_is_faster_anywhere_breaks_a_limit(
 def test_twists_are_the_slopes_of_the_poses_and_rates_those_of_the_twists(route: Route) -> None:
     trajectory = plan(route, DRIVE, LIMITS)
     profile = trajectory.profile
-    # Within cells, away from their ends, everything is smooth.
+    # Within cells, away from their ends, all quantities are smooth.
     t = 0.5 * (profile.at_s[1:] + profile.at_s[:-1])
     h = 0.01 * np.diff(profile.at_s)
     before, here, after = (trajectory.at(t + d) for d in (-h, 0.0 * h, h))

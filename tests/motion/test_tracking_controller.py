@@ -1,4 +1,4 @@
-"""Following: exact when nothing disturbs, back on the path when something does."""
+"""Path tracking: exact without disturbances, and back on the path after one."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def trajectory_of(name: str, turning: bool = False) -> Trajectory:
 
 
 class Laggard:
-    """A robot whose body twist follows what it is told by a first order, exactly."""
+    """A robot whose body twist follows the command with an exact first-order lag."""
 
     def __init__(self, pose: Array, lag_s: float) -> None:
         self.pose, self.twist, self.lag_s = SE2(np.array(pose)), np.zeros(3), lag_s
@@ -39,7 +39,7 @@ class Laggard:
 
 
 def worst(poses: list[Array], trajectory: Trajectory) -> tuple[float, float]:
-    """Greatest distance to where it should be, and greatest error of the heading."""
+    """Maximum position and heading error along the path."""
     off = np.array(poses) - trajectory.at(DT_S * np.arange(1, len(poses) + 1)).pose
     return float(np.hypot(off[:, 0], off[:, 1]).max()), float(np.abs(off[:, 2]).max())
 
@@ -54,7 +54,7 @@ def run(
 ) -> list[Array]:
     poses: list[Array] = []
     for i in range(round((trajectory.duration_s + 0.2) / DT_S)):
-        # What is told holds for a period: it is meant for the middle of it.
+        # Each command is held for a period, so use the middle of it.
         t_s = (i + 0.5) * DT_S
         told = tracker.advance(t_s, robot.pose, DT_S) if closed else tracker.feed_forward(t_s)
         robot.drive(told, drift)
@@ -84,7 +84,7 @@ def test_feeding_acceleration_forward_undoes_the_lag_of_the_actuators(
         tracker = TrackingController(trajectory, lag_s=lag_s)
         results[lag_s], _ = worst(run(trajectory, tracker, robot, closed=False), trajectory)
     assert results[0.0] > 0.9 * LAG_S * LIMITS.speed_mps * 0.9, "late by its lag"
-    # Where acceleration jumps by a, some a lag^2 is left: 10 m/s^2 at a corner.
+    # Where acceleration jumps by a, an error of a lag^2 remains: 10 m/s^2 at a corner.
     assert results[LAG_S] < 0.75 * 10.0 * LAG_S**2
 
 
@@ -100,7 +100,7 @@ def test_closed_loop_comes_back_from_beside_the_path_and_from_another_heading() 
 
 
 def test_what_drifts_steadily_is_held_by_the_integral() -> None:
-    """A robot that is carried aside and turned, as by a wheel that spins too slowly."""
+    """The robot drifts and turns steadily, as with a wheel that spins too slowly."""
     trajectory = plan(Route(line([0, 0], [4, 0])), DRIVE, LIMITS, speed_mps=0.8)
     drift = np.array([-0.02, 0.03, 0.1])
     ends = {}
@@ -117,7 +117,7 @@ def test_errors_are_along_and_across_the_path() -> None:
     trajectory = plan(Route(line([0, 0], [0, 1])), DRIVE, LIMITS)
     reference = trajectory.at(0.5 * trajectory.duration_s)
     here = np.array([0.1, float(reference.pose[1]) - 0.2, 2 * np.pi - 0.3])
-    # The path goes up: it lies 0.2 ahead, and 0.1 to the left.
+    # The path goes up and is 0.2 ahead and 0.1 to the left.
     np.testing.assert_allclose(tracking_errors(reference, SE2(here)), [0.2, 0.1, 0.3], atol=1e-12)
 
 
@@ -142,7 +142,7 @@ def test_pid_by_hand() -> None:
     assert pid.advance(np.array([1.0]), 0.1) == pytest.approx([2.0 + 0.1])
     assert pid.advance(np.array([2.0]), 0.1) == pytest.approx([4.0 + 0.15 + 5.0])
     assert pid.advance(np.array([2.0]), 0.0) == pytest.approx([4.0 + 0.15])
-    # The integral does not wind up: it leaves its limit at once.
+    # The integral does not wind up, because it leaves its limit at once.
     assert pid.advance(np.array([-1.0]), 0.1) == pytest.approx([-2.0 + 0.05 - 15.0])
     pid.reset()
     assert pid.advance(np.array([1.0]), 0.1) == pytest.approx([2.1])

@@ -1,4 +1,4 @@
-"""Errands: whatever is clicked on or drawn, the robot gets there, and only while it is told to."""
+"""Navigation: the robot reaches any clicked or drawn goal, and moves only while held."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from tsd_twin.simulation import SimRobot
 
 PLANAR = ["tsd", "omni4", "kiwi", "mecanum"]
 HELD = 2
-"""Periods for which a command holds: the page says that it is held every 20 ms."""
+"""Periods for which a command is held; the page sends a hold message every 20 ms."""
 ASIDE_M = 0.08
 
 coordinates = st.floats(-2.0, 2.0)
@@ -44,7 +44,7 @@ headings = st.none() | st.floats(-3.1, 3.1)
 
 @st.composite
 def drawings(draw: st.DrawFn) -> Array:
-    """Line drawn by hand: it wanders and shakes by a few millimetres."""
+    """A hand-drawn line with drift and jitter of a few millimetres."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     direction = draw(st.floats(-3.0, 3.0)) + np.cumsum(rng.normal(0.0, 0.12, 60))
     steps = draw(st.floats(0.01, 0.05)) * np.stack([np.cos(direction), np.sin(direction)], -1)
@@ -62,7 +62,7 @@ def follower_of(
 
 
 class Ride:
-    """A robot in virtual time, and somebody who holds the button, near by or far away."""
+    """A robot in virtual time, and an operator who holds the button, over any delay."""
 
     def __init__(self, name: str, delay_s: float = 0.0) -> None:
         self.robot = robots.load_robot(name)
@@ -116,7 +116,7 @@ def test_a_place_that_is_clicked_on_is_reached(
     assert np.hypot(x - goal[0], y - goal[1]) < TIMEOUT_TOLERANCE_M
     assert abs(wrap(h - (heading or 0.0))) < FAIR_RAD
     assert np.abs(ride.virtual.true_twist).max() < 0.01
-    # A straight way: as far beside it as the joints are coarse, and no further.
+    # On a straight path, the lateral error is limited by the joint resolution.
     along = np.array(goal) / np.hypot(*goal)
     way = np.array(ride.way)[:, :2]
     assert np.abs(way[:, 1] * along[0] - way[:, 0] * along[1]).max() < ASIDE_M
@@ -137,7 +137,7 @@ def test_a_line_that_is_drawn_is_followed_to_its_end(points: Array) -> None:
 
 @pytest.mark.parametrize("delay_s", [0.1, 0.3])
 def test_late_poses_and_commands_neither_swing_nor_overshoot(delay_s: float) -> None:
-    """A loop with the gain for no delay swings at 0.3 s; the goal is ahead, so beyond is over."""
+    """A loop tuned without delay would oscillate at 0.3 s; beyond the goal is overshoot."""
     ride = Ride("tsd", delay_s)
     _, step = ride.follow(NavigationGoal(np.array([[1.5, 0.0]])))
     assert step.phase is ExecutionPhase.ARRIVED, step.reason
@@ -159,7 +159,7 @@ def test_a_turn_in_place_turns_in_place() -> None:
 @settings(max_examples=5, deadline=None)
 @given(points=drawings(), periods=st.integers(20, 150))
 def test_what_is_left_of_an_errand_leads_on_to_its_end(points: Array, periods: int) -> None:
-    """Let go at any time; the robot rests, and the rest of the way begins where it is."""
+    """Release at any time; the remaining path then starts at the robot's pose at rest."""
     navigation_goal = NavigationGoal(points)
     ride = Ride("tsd")
     follower, step = ride.follow(navigation_goal, periods=periods)
@@ -171,7 +171,7 @@ def test_what_is_left_of_an_errand_leads_on_to_its_end(points: Array, periods: i
     if left.is_done(ride.seen):  # Released within the tolerance of the goal.
         assert np.hypot(*(ride.seen.xy_heading[:2] - points[-1])) < TIMEOUT_TOLERANCE_M
         return
-    # The rest does not start over, and the robot rolled little while braking.
+    # The remaining path does not start over, and the robot rolled little while braking.
     assert left.route(ride.seen).length_m < whole_m - step.done_m + 0.2
     _, step = ride.follow(left)
     assert step.phase is ExecutionPhase.ARRIVED, step.reason
@@ -182,7 +182,7 @@ def test_what_is_left_of_an_errand_leads_on_to_its_end(points: Array, periods: i
 
 
 def test_a_robot_that_is_held_gets_no_more_than_a_pull_and_then_none() -> None:
-    """Its wheels go round on ice: the reference waits, and after a while nobody pulls."""
+    """Its wheels turn on ice, so the reference waits and gives up after a while."""
     robot = robots.load_robot("tsd")
     follower = follower_of(robot, NavigationGoal(np.array([[5.0, 0.0]])), SE2.identity())
     steps = [follower.advance(i * 0.02, SE2.identity()) for i in range(500)]
@@ -205,7 +205,7 @@ def test_a_pose_that_jumps_ends_it(moved: tuple[float, float, float]) -> None:
 
 
 class Storm(RuleBasedStateMachine):
-    """A ride with everything that may come between: whatever it is, the robot does not leap."""
+    """A ride with any sequence of disturbances, in which the robot never jumps."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -227,11 +227,11 @@ class Storm(RuleBasedStateMachine):
         return self.limiter.cap(twist, self.share)
 
     def say(self) -> Array:
-        """The page says that it is held; what comes of it is checked and returned."""
+        """Process a hold message of the page; check and return the resulting twist."""
         step = self.follower.advance(self.now_s, SE2(self.ride.seen.xy_heading + self.lie))
         if (
             self.phase is not ExecutionPhase.GOING
-        ):  # The way is over; who asks on is answered all the same.
+        ):  # The path is over, and further hold messages are answered.
             assert np.isfinite(step.twist).all()
             return np.zeros(3)
         self.phase = step.phase
@@ -262,7 +262,7 @@ class Storm(RuleBasedStateMachine):
 
     @rule(periods=st.integers(1, 40))
     def let_go(self, periods: int) -> None:
-        """And hold again, as a page never does without another way: even then it only goes on."""
+        """Release and hold again without a new path, which no page does; the motion resumes."""
         self.drive(np.zeros(3), periods)
 
     @rule(level=st.sampled_from([0.01, 0.2, 0.5, 1.0]))
@@ -303,7 +303,7 @@ def test_a_pose_that_is_no_number_ends_it(broken: float) -> None:
 def test_whatever_delay_is_measured_a_twist_is_finite_and_within_the_limits(
     delays_s: list[float | None],
 ) -> None:
-    """It comes from the network: no number, negative, an hour."""
+    """The delay comes from the network: not a number, negative, an hour."""
     robot = robots.load_robot("tsd")
     follower = follower_of(robot, NavigationGoal(np.array([[2.0, 1.0]]), 1.0), SE2.identity())
     for i, delay_s in enumerate(delays_s):
@@ -320,7 +320,7 @@ def test_whatever_delay_is_measured_a_twist_is_finite_and_within_the_limits(
 def test_whenever_it_is_called_a_twist_is_finite_and_within_the_limits(
     at_s: list[float], off: list[float]
 ) -> None:
-    """Also with a clock that jumps, or goes back."""
+    """Also with a clock that jumps or runs backwards."""
     robot = robots.load_robot("tsd")
     follower = follower_of(robot, NavigationGoal(np.array([[2.0, 1.0]]), 1.0), SE2.identity())
     for now_s in at_s:

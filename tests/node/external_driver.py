@@ -1,7 +1,7 @@
-"""Drives a robot knowing nothing but the table of keys: with `eclipse-zenoh` and `rosbags` alone.
+"""Drive a robot using only the table of keys, `eclipse-zenoh` and `rosbags`.
 
-`python external_driver.py ENDPOINT ROBOT` takes control, arms, drives five figures, and prints what
-came of each as a line of JSON. Nothing of the project is imported, on purpose.
+`python external_driver.py ENDPOINT ROBOT` takes control, arms, drives five figures, and prints the
+result of each as a line of JSON. It deliberately imports no code of the project.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from rosbags.typesys import Stores, get_typestore
 PATIENCE_S = 60.0
 PERIOD_S = 0.02
 LET_GO_S = 0.6
-"""For so long there must be no command before a fault can be reset."""
+"""A fault can be reset only after this time without commands."""
 FIGURES: dict[str, list[tuple[tuple[float, float, float], float]]] = {
     "straight": [((0.7, 0.0, 0.0), 0.7)],
     "strafe": [((0.0, 0.6, 0.0), 0.6)],
@@ -29,7 +29,7 @@ FIGURES: dict[str, list[tuple[tuple[float, float, float], float]]] = {
     "circle": [((0.6, 0.0, 2.5), 2.0 * math.pi)],
     "eight": [((0.6, 0.0, 2.5), 2.0 * math.pi), ((0.6, 0.0, -2.5), 2.0 * math.pi)],
 }
-"""Twists, and when to go on to the next: after radians when it turns, else after metres."""
+"""Twists, each with its end: radians when turning, else metres."""
 CONFIG = """{
   mode: "client", connect: {endpoints: ["%s"]},
   scouting: {multicast: {enabled: false}, gossip: {enabled: false}}
@@ -39,7 +39,7 @@ Pose = tuple[float, float, float]
 
 
 class Robot:
-    """What is heard of a robot, and a way to speak to it."""
+    """Messages of a robot, and methods to command it."""
 
     def __init__(self, session: zenoh.Session, name: str) -> None:
         self._session, self._prefix = session, f"twin/{name}"
@@ -117,7 +117,7 @@ class Robot:
         thread.join()
 
     def _keep_control(self) -> None:
-        """Keep control, or take it: also anew, when this machine was busy with something else."""
+        """Renew or acquire control; acquire it again if a busy machine has lost it."""
         kept = self._lease and self.ask("lease", op="renew", operator="outsider", lease=self._lease)
         if not kept or not kept["granted"]:
             granted = self.ask("lease", op="acquire", operator="outsider")
@@ -130,7 +130,7 @@ class Robot:
             sys.exit(answer["reason"])
 
     def _drives(self) -> bool:
-        """Whether the robot obeys: who is held up for two seconds loses control."""
+        """Return whether the robot obeys; a delay of 2 s loses control."""
         is_ours = self.status["lease"]["holder"] == "outsider"
         return is_ours and self.status["mode"] not in ("disarmed", "fault")
 
@@ -175,7 +175,7 @@ def seen_from(start: Pose, pose: Pose) -> Pose:
 
 
 def outcome(odom: dict[int, Pose], truth: dict[int, Pose]) -> dict[str, Any]:
-    """Compare the two at the same instants of the robot's clock."""
+    """Compare estimate and truth at the same instants of the robot's clock."""
     times = sorted(odom.keys() & truth.keys())
     path_m = turned_rad = worst_m = worst_rad = 0.0
     end = (0.0, 0.0, 0.0)

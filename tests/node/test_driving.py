@@ -1,4 +1,4 @@
-"""Driving over a real bus: every way to lose an operator, and every way to stop."""
+"""Driving over a real bus: loss of the operator in every way, and every kind of stop."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SMOKE = b'{"operator": "eve", "reason": "smoke"}'
 
 @pytest.fixture
 def driving(pilot: BusOperator) -> Generator[BusOperator]:
-    """Somebody who drives at one metre a second."""
+    """An operator driving at 1 m/s."""
     pilot.get_ready()
     pilot.drive((1.0, 0.0, 0.0), until=lambda: pilot.truth.twist[0] > 0.98)
     yield pilot
@@ -31,7 +31,7 @@ def is_still(pilot: BusOperator) -> bool:
 
 
 def travel_after_the_last_command(watcher: BusOperator) -> float:
-    """Metres from the last command that counted to standstill, on the robot's own clock."""
+    """Distance from the last accepted command to standstill, m, by the robot's clock."""
     watcher.wait_until(lambda: is_still(watcher))
     newest = watcher.history["status"][-1]
     age_s = decode_status(newest.payload).command.age_s
@@ -44,10 +44,10 @@ def travel_after_the_last_command(watcher: BusOperator) -> float:
 
 @pytest.mark.parametrize("how", ["silence", "a closed session"])
 def test_an_operator_who_is_gone_is_a_robot_that_stands_within_35_cm(
-    node: RunningNode, driving: BusOperator, how: str
+    quick_node: RunningNode, how: str
 ) -> None:
-    with BusOperator(node, "watcher") as watcher:
-        driving.drive((1.0, 0.0, 0.0), 0.2)
+    with BusOperator(quick_node) as driving, BusOperator(quick_node, "watcher") as watcher:
+        driving.get_ready()
         driving.drive((1.0, 0.0, 0.0), until=lambda: driving.truth.twist[0] > 0.95)
         with WithheldTime() as withheld:
             if how == "a closed session":
@@ -55,7 +55,7 @@ def test_an_operator_who_is_gone_is_a_robot_that_stands_within_35_cm(
             watcher.wait_until(lambda: watcher.status.mode == "ready")
             travelled_m = travel_after_the_last_command(watcher)
         assert 0.2 < travelled_m <= 0.35 + 1.0 * withheld.total_s
-        # Which is first depends on the age of the status that the last command echoed.
+        # The order depends on the age of the status echoed by the last command.
         reasons = (
             "no command for ",
             "the last command was based on a state ",
@@ -82,7 +82,8 @@ def test_anybody_stops_it_without_a_lease(
         if way == "query":
             assert eve.ask(Service.STOP, payload)["ok"] is True
         else:
-            # Repeated as a dashboard does: the first may come before the robot's end is known.
+            # Repeated like a dashboard does, because the first may arrive before the robot is
+            # discovered.
             stop = eve.bus.publisher(topics.STOP.key("tsd"), QoS.REAL_TIME)
             while eve.status.mode != "stopped":
                 stop.put(payload)
@@ -100,6 +101,7 @@ def test_after_a_stop_it_drives_again_only_by_reset_and_arm_and_a_command(
 ) -> None:
     driving.ask(Service.STOP, operator="alice")
     driving.wait_for("stopped")
+    driving.send((1.0, 0.0, 0.0))  # Held until just before the request.
     refused = driving.ask(Service.RESET, lease=driving.lease)
     assert (refused["ok"], refused["why"]) == (False, {"code": "release_first"})
     driving.drive((0.0, 0.0, 0.0), 0.6)
@@ -139,14 +141,14 @@ def test_a_second_operator_drives_only_after_taking_over(
 ) -> None:
     with BusOperator(node, "bob") as bob:
         assert bob.acquire()["granted"] is False
-        bob.lease = driving.lease  # Even if he knew it.
+        bob.lease = driving.lease  # As if Bob knew it.
         bob.send((-1.0, 0.0, 0.0))
         driving.drive((1.0, 0.0, 0.0), until=lambda: driving.status.command.dropped.lease > 0)
         driving.drive((1.0, 0.0, 0.0), until=lambda: driving.truth.twist[0] > 0.9)
         assert (np.diff(driving.track("truth")[:, 1]) >= 0.0).all()  # Never backwards.
         assert bob.acquire(take_over=True)["holder"] == "bob"
         driving.wait_until(lambda: "bob took control over from alice." in driving.texts)
-        # A status before that does not count the last commands of alice yet.
+        # An earlier status does not count the last commands of Alice yet.
         bob.wait_until(lambda: bob.status.lease.holder == "bob")
         accepted = bob.status.command.accepted
         driving.drive((1.0, 0.0, 0.0), until=lambda: driving.status.mode == "ready")
@@ -165,7 +167,7 @@ def test_a_command_in_the_worlds_axes_is_turned_by_the_heading(pilot: BusOperato
 
 
 def test_mode_changes_are_told_at_once(pilot: BusOperator) -> None:
-    """Not only with the next of the 20 status a second."""
+    """Without waiting for the next status at 20 Hz."""
     pilot.acquire()
     pilot.ask(Service.ARM, lease=pilot.lease)
     pilot.wait_for("ready")
@@ -176,12 +178,15 @@ def test_mode_changes_are_told_at_once(pilot: BusOperator) -> None:
     assert numbers[at][1] * 1e-9 == pytest.approx(event["robot_s"], abs=1e-6)
 
 
-def test_the_echoed_status_must_be_a_recent_one(pilot: BusOperator) -> None:
-    pilot.get_ready()
-    old = pilot.seen
-    pilot.wait_until(lambda: pilot.seen > old + 10)
-    pilot.send((1.0, 0.0, 0.0), seen=old)
-    pilot.wait_until(lambda: any("0.21 s are allowed" in text for text in pilot.texts))
-    pilot.send((1.0, 0.0, 0.0), seen=pilot.seen + 1000)
-    pilot.wait_until(lambda: pilot.status.command.dropped.stale == 2)
-    assert pilot.status.mode == "ready"
+def test_the_echoed_status_must_be_a_recent_one(quick_node: RunningNode) -> None:
+    with BusOperator(quick_node) as pilot:
+        pilot.get_ready()
+        old = pilot.seen
+        pilot.wait_until(lambda: pilot.seen > old + 10)
+        before = pilot.status.command.dropped.stale  # A busy machine may be late with a zero.
+        pilot.send((1.0, 0.0, 0.0), seen=old)
+        pilot.wait_until(lambda: pilot.status.command.dropped.stale == before + 1)
+        pilot.wait_until(lambda: any("0.21 s are allowed" in text for text in pilot.texts))
+        pilot.send((1.0, 0.0, 0.0), seen=pilot.seen + 1000)
+        pilot.wait_until(lambda: pilot.status.command.dropped.stale == before + 2)
+        assert pilot.status.mode == "ready"

@@ -1,4 +1,4 @@
-"""Two robots with one id, which meet after both have started; and queries to patterns."""
+"""Two robots with the same id that meet after starting; and queries to patterns."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ PATTERNS = ("**", "twin/**", "twin/*/stop", "twin/tsd/*", "twin/t$*/stop", "twin
 
 @pytest.fixture
 def two() -> Generator[tuple[RunningNode, RunningNode]]:
-    """Two robots on two networks that know nothing of each other."""
+    """Two robots on separate networks."""
     with running() as first, running() as second:
         yield first, second
 
 
 def join(*nodes: RunningNode) -> Bus:
-    """Return the router that makes one network of theirs."""
+    """Return the router that joins the networks."""
     return Bus(node_config([ANY_PORT], [node.endpoint for node in nodes]))
 
 
@@ -44,7 +44,7 @@ def test_two_robots_with_one_id_that_meet_both_stop_and_say_why(
                 pilot.wait_for("fault")
                 pilot.wait_until(lambda pilot=pilot: MET in pilot.texts)
                 assert pilot.status.stop_reason == WORDS
-            # From here on both receive each request; a client takes the answer of neither.
+            # From here on both receive each request, and a client accepts neither reply.
             key, request = Service.ARM.key("tsd"), json.dumps({"lease": alice.lease}).encode()
             answers = alice.bus.query_all(key, request, PATIENCE_S)
             assert [json.loads(answer)["ok"] for answer in answers] == [False, False]
@@ -52,7 +52,7 @@ def test_two_robots_with_one_id_that_meet_both_stop_and_say_why(
                 alice.bus.query(key, request, PATIENCE_S)
         for pilot in (alice, bob):
             pilot.wait_until(lambda pilot=pilot: PARTED in pilot.texts)
-            assert pilot.status.mode == "fault"  # Latched, until its operator says otherwise.
+            assert pilot.status.mode == "fault"  # Latched until its operator resets it.
         alice.wait_until(lambda: np.abs(alice.truth.twist).max() < 1e-3)
 
 
@@ -99,7 +99,7 @@ def test_exploring_the_bus_with_queries_has_no_effect(
 def test_a_put_on_a_pattern_that_has_the_stop_in_it_stops(
     node: RunningNode, pilot: BusOperator
 ) -> None:
-    """Nothing is explored by a put: who says stop to all robots means it."""
+    """A put is not exploration: a stop to all robots is intended."""
     pilot.get_ready()
     with node.client() as eve:
         matched(eve.publisher(topics.STOP.key("tsd"), QoS.REAL_TIME))

@@ -1,4 +1,4 @@
-"""Who may start under an id, and how a robot is left when its node ends."""
+"""Exclusive use of an id, and the state of a robot after its node ends."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ WHEELS = np.arange(9) % 3 == 2
 
 
 class Recorder:
-    """Joints that do at once what they are told, and remember all of it."""
+    """Joints that reach their setpoints at once and record them."""
 
     def __init__(self) -> None:
         self.written: list[Array] = []

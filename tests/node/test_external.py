@@ -1,4 +1,4 @@
-"""A program of somebody else, with nothing of ours, drives the robot by the table of keys."""
+"""A program without any project code drives the robot by the table of keys."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ DRIVER = Path(__file__).with_name("external_driver.py")
 
 @pytest.fixture(scope="module")
 def drive() -> dict[str, Any]:
-    """Run the program against the robot as it is shipped, and return what it printed.
+    """Run the program against the `tsd` robot, and return its output.
 
-    Each figure also has the time that the machine withheld from both meanwhile.
+    Each figure includes the CPU time withheld from both processes.
     """
     command = [sys.executable, "-I", str(DRIVER)]
     lines: list[dict[str, Any]] = []
@@ -46,9 +46,9 @@ def drive() -> dict[str, Any]:
 def test_the_estimate_follows_the_truth_within_a_hundredth_of_the_path(
     drive: dict[str, Any], figure: str
 ) -> None:
-    """While the machine withholds the processor from the loop, joints move unseen."""
+    """While the processor is withheld from the loop, joints move unmeasured."""
     result = drive[figure]
-    # A turn on the spot has next to no path; its measure is the arc of a wheel.
+    # A turn on the spot has almost no path length, so use the arc of a wheel.
     path_m = result["path_m"] + 0.15 * result["turned_rad"]
     allowed_m = 0.01 * path_m + 0.3 * result["withheld_s"]
     assert path_m > 0.2
@@ -70,7 +70,7 @@ def test_the_estimate_follows_the_truth_within_a_hundredth_of_the_path(
 def test_the_figures_are_what_they_are_called(
     drive: dict[str, Any], figure: str, path_m: float, end: tuple[float, float, float]
 ) -> None:
-    """Up to what it takes to see that a figure is complete, and to come to rest."""
+    """Up to the delay of noticing the end of a figure, plus braking."""
     result = drive[figure]
     late_s = 0.25 + result["withheld_s"]
     assert path_m - 0.01 <= result["path_m"] <= path_m + 0.7 * late_s
@@ -84,7 +84,7 @@ def test_it_needed_nothing_of_ours_and_all_its_commands_counted(drive: dict[str,
     assert drive["end"]["leases"] == 1
     withheld_s = sum(figure["withheld_s"] for figure in drive.values())
     dropped: dict[str, int] = dict(drive["end"]["dropped"])
-    # Held up on their way for as long as the command may be old; never for another reason.
+    # Commands are dropped only if delayed beyond their maximum age.
     assert dropped.pop("stale") <= withheld_s / PERIOD_S
     assert not any(dropped.values()), drive["end"]
     assert drive["end"]["ours"] == []

@@ -1,4 +1,4 @@
-"""A robot of a known kind is one TOML file: written, loaded, put on the bus and driven."""
+"""A robot of a known kind is one TOML file: written, loaded, and driven in virtual time."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from tests.support.bus_operator import BusOperator
-from tests.support.robot_node import running
+from tests.support.virtual_fleet import VirtualNode
+from tests.support.virtual_time import VirtualClock
 from tsd_twin import robots
 from tsd_twin.lie import SO3
 from tsd_twin.messages.cdr import decode_odometry
+from tsd_twin.messages.topics import Sample
 
 FIVE_WHEELS = """
 name = "star"
@@ -60,47 +62,45 @@ FOUR_MODULES = (
 
 
 @pytest.mark.parametrize("text", [FIVE_WHEELS, FOUR_MODULES], ids=["star", "quad"])
-def test_a_robot_that_is_one_file_drives(text: str, tmp_path: Path) -> None:
+def test_a_robot_that_is_one_file_drives(text: str, tmp_path: Path, clock: VirtualClock) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(text, encoding="utf-8")
     robot = robots.load_robot(str(path))
-    with (
-        running(robot.name, robots.read_description(str(path))) as node,
-        BusOperator(node) as pilot,
-    ):
+    node = VirtualNode(clock, robot.name, robots.read_description(str(path)))
+    with BusOperator(node) as pilot:
         pilot.get_ready()
         pilot.drive((0.3, 0.2, 0.0), until=lambda: pilot.truth.xy_heading[0] > 0.3)
-        x, y, _ = pilot.truth.xy_heading
+        told, true = (decode_odometry(each.payload) for each in pilot.together("odom", "truth"))
+        x, y, _ = true.xy_heading
         assert y == pytest.approx(x * 2.0 / 3.0, abs=0.05)
-        np.testing.assert_allclose(pilot.odom.xy_heading, pilot.truth.xy_heading, atol=0.05)
+        np.testing.assert_allclose(told.xy_heading, true.xy_heading, atol=0.05)
 
 
-def test_a_robot_with_two_estimates_sends_both() -> None:
+def test_a_robot_with_two_estimates_sends_both(clock: VirtualClock) -> None:
     text = robots.read_description("omni4").replace("friction = 0.7", "friction = 0.7\nslip = 0.2")
-    with running("omni4", text) as node, BusOperator(node, streams=6) as pilot:
+    with BusOperator(VirtualNode(clock, "omni4", text), streams=6) as pilot:
         pilot.get_ready()
         pilot.drive((0.5, 0.0, 0.0), until=lambda: pilot.truth.xy_heading[0] > 0.5)
-        best, true = pilot.odom.xy_heading[0], pilot.truth.xy_heading[0]
-        other = decode_odometry(pilot.newest["odom_alternative"].payload).xy_heading[0]
+        samples = pilot.together("odom", "truth", "odom_alternative")
+        best, true, other = (decode_odometry(each.payload).xy_heading[0] for each in samples)
         assert best == pytest.approx(true, abs=0.05)
         assert other > 1.1 * true
 
 
-def test_a_sphere_turns_about_the_axis_that_it_is_told() -> None:
-    with (
-        running("atlas", robots.read_description("atlas")) as node,
-        BusOperator(node, streams=6) as pilot,
-    ):
+def test_a_sphere_turns_about_the_axis_that_it_is_told(clock: VirtualClock) -> None:
+    node = VirtualNode(clock, "atlas", robots.read_description("atlas"))
+    with BusOperator(node, streams=6) as pilot:
 
-        def read(what: str) -> SO3:
-            wxyz = decode_odometry(pilot.newest[what].payload, turning=True).wxyz
+        def read(sample: Sample) -> SO3:
+            wxyz = decode_odometry(sample.payload, turning=True).wxyz
             assert wxyz is not None
             return SO3(wxyz)
 
         pilot.get_ready()
-        pilot.drive((0.0, 2.0, 0.0), until=lambda: read("truth").log()[1] > 1.0)
-        turned = read("truth").log()
-        # Rows that hop push it a little aside; the estimate knows.
+        pilot.drive((0.0, 2.0, 0.0), until=lambda: read(pilot.newest["truth"]).log()[1] > 1.0)
+        told, true = map(read, pilot.together("odom", "truth"))
+        turned = true.log()
+        # Row changes push it slightly sideways, which the estimate includes.
         assert np.abs(turned[[0, 2]]).max() < 0.1 * turned[1]
-        off = (read("odom") @ read("truth").inverse()).log()
+        off = (told @ true.inverse()).log()
         assert np.linalg.norm(off) < 0.1

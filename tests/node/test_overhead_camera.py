@@ -1,4 +1,4 @@
-"""A camera above the floor, on the bus: what wheels get wrong is put right while it watches."""
+"""An overhead camera on the bus corrects the errors of wheel odometry while in view."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ def pose_sensor(pilot: BusOperator) -> PoseSensorStatus:
 
 
 def apart(pilot: BusOperator, what: str) -> float:
-    """How far a pose that the robot tells is from the truth, on the floor."""
-    told = decode_odometry(pilot.newest[what].payload).xy_heading
-    return math.dist(told[:2], pilot.truth.xy_heading[:2])
+    """Distance of a published pose from the truth, m."""
+    told, true = (decode_odometry(each.payload) for each in pilot.together(what, "truth"))
+    return math.dist(told.xy_heading[:2], true.xy_heading[:2])
 
 
 def test_with_a_camera_a_mock_with_wrong_wheels_knows_where_it_is() -> None:

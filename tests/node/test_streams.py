@@ -1,4 +1,4 @@
-"""What a robot sends and answers, as raw Zenoh and the definitions of ROS see it."""
+"""Messages and replies of a robot, read by raw Zenoh and the ROS definitions."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from tests.support.robot_node import PATIENCE_S, URDF, Mailbox, RunningNode, mat
 from tests.support.withheld import WithheldTime
 from tsd_twin.messages import topics
 from tsd_twin.messages.events import Event
+from tsd_twin.messages.status import Summary, decode_summary
 from tsd_twin.messages.topics import QoS, Service
 
 CDR = "application/cdr;{}"
@@ -35,7 +36,7 @@ GARBAGE = (b"", b"{}", b"[1]", b"\xff\xfe\x00", b'{"lease": "\xff"}', b'{"a":' *
 
 @pytest.fixture(scope="module")
 def robot() -> Generator[RunningNode]:
-    """One robot for all of these: none of them moves it."""
+    """One robot for all of these tests, which do not move it."""
     with running() as it:
         yield it
 
@@ -49,7 +50,7 @@ def alice(robot: RunningNode) -> Generator[BusOperator]:
 def test_every_stream_has_its_encoding_its_rate_and_a_rising_stamp(robot: RunningNode) -> None:
     heard: dict[str, list[zenoh.Sample]] = defaultdict(list)
     box = Mailbox()
-    with robot.client() as client:
+    with robot.client() as client, WithheldTime() as withheld:
         client._session.declare_subscriber("twin/tsd/**", box)
         while min((len(heard[key]) for key in STREAMS), default=0) < 10:
             sample = box.next()
@@ -61,20 +62,44 @@ def test_every_stream_has_its_encoding_its_rate_and_a_rising_stamp(robot: Runnin
         numbers, times_ns = np.array(stamps).T
         np.testing.assert_array_equal(np.diff(numbers), 1)
         assert (np.diff(times_ns) > 0).all()
-        # A loop that has to wait for the processor skips periods, it never hurries.
-        assert np.median(np.diff(times_ns)) * 1e-9 == pytest.approx(period_s, rel=0.3)
-    assert set(heard) - set(STREAMS) <= {"event/drop", "log/inputs"}
+        # A loop that waits for the processor skips periods, and never hurries: half of them are
+        # as late as the median, or later.
+        late_s = withheld.total_s / (len(times_ns) // 2)
+        assert 0.7 * period_s < np.median(np.diff(times_ns)) * 1e-9 < 1.3 * period_s + late_s
+    assert set(heard) - set(STREAMS) <= {"state/summary", "event/drop", "log/inputs"}
+
+
+def test_a_summary_repeats_the_streams_twice_a_second(robot: RunningNode) -> None:
+    statuses: dict[int, bytes] = {}
+    summaries: list[tuple[int, Summary]] = []
+    box = Mailbox()
+    with robot.client() as client, WithheldTime() as withheld:
+        client._session.declare_subscriber("twin/tsd/state/*", box)
+        while len(summaries) < 3:
+            sample = box.next()
+            number, robot_ns = struct.unpack("<Qq", sample.attachment.to_bytes())
+            if str(sample.key_expr).endswith("/status"):
+                statuses[number] = sample.payload.to_bytes()
+            elif str(sample.key_expr).endswith("/summary"):
+                assert str(sample.encoding) == "application/msgpack"
+                summaries.append((robot_ns, decode_summary(sample.payload.to_bytes())))
+    for _, summary in summaries[1:]:
+        assert set(summary.payloads) == set(STREAMS)
+        assert summary.payloads["state/status"] == statuses[summary.status_seq]
+    times_s = 1e-9 * np.array([robot_ns for robot_ns, _ in summaries])
+    periods_s = np.diff(times_s)
+    assert 0.35 < periods_s.min() <= periods_s.max() < 0.65 + withheld.total_s
 
 
 @pytest.mark.parametrize("stream", STREAMS)
 def test_a_late_subscriber_gets_each_stream_within_two_periods(
     robot: RunningNode, stream: str
 ) -> None:
-    """Messages without a subscriber are not made, but counted: the numbers show the gap."""
+    """Messages without a subscriber are counted but not built, so the numbers show the gap."""
     period_s = STREAMS[stream][1]
     took_s: list[float] = []
     heard: list[tuple[int, int]] = []
-    with robot.client() as client:
+    with robot.client() as client, WithheldTime() as in_all:
         for _ in range(5):
             box, start_s = Mailbox(), time.monotonic()
             with WithheldTime() as withheld:
@@ -87,10 +112,9 @@ def test_a_late_subscriber_gets_each_stream_within_two_periods(
     assert max(took_s) < 2.0 * period_s, took_s
     numbers, times_ns = np.array(heard).T
     assert (np.diff(numbers) > 0).all()
-    assert np.median(np.diff(numbers)) >= 3.0  # As of the time that it takes.
-    np.testing.assert_allclose(
-        np.diff(numbers).sum() * period_s, (times_ns[-1] - times_ns[0]) * 1e-9, rtol=0.5
-    )
+    assert np.median(np.diff(numbers)) >= 3.0  # Numbers advance while unsubscribed.
+    passed_s, counted_s = (times_ns[-1] - times_ns[0]) * 1e-9, np.diff(numbers).sum() * period_s
+    assert 0.5 * passed_s - in_all.total_s <= counted_s <= 1.5 * passed_s
 
 
 def test_any_reader_of_ros_messages_reads_them(alice: BusOperator) -> None:
@@ -180,7 +204,7 @@ def test_garbage_on_every_key_is_counted_or_ignored_and_ends_nothing(
             for payload in GARBAGE:
                 client._session.put(key, payload, attachment=payload[:32])
             client._session.delete(key)
-        # Three deletions and two patterns; what is on a proper key has no proper shape.
+        # Three deletions and two patterns; samples on valid keys have an invalid shape.
         expected = before | {
             "key": before["key"] + 3 + 2 * len(GARBAGE),
             "shape": before["shape"] + len(GARBAGE),

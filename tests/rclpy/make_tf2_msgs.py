@@ -1,7 +1,7 @@
-"""Makes the Python package tf2_msgs, of which there is no wheel, as ROS's own build does.
+"""Build the Python package tf2_msgs, for which no wheel exists, like ROS's own build.
 
-It runs the generators of rosidl on the definition of `TFMessage`, and a C compiler on what they
-write; the library goes beside the other packages of this environment.
+Runs the rosidl generators on the definition of `TFMessage`, and a C compiler on their output. The
+library is installed next to the other packages of this environment.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def generate(folder: Path, prefix: Path) -> Path:
 def build(folder: Path, prefix: Path, library: Path) -> None:
     """Compile all sources into one library."""
     sources = [each for kind in ("c", "cpp") for each in folder.rglob(f"*.{kind}")]
-    headers = prefix / "include"  # In a folder for each package, but for those of Fast DDS.
+    headers = prefix / "include"  # Per-package folders, except for Fast DDS.
     include: list[Path | str] = [folder / "c", folder / "introspection", headers]
     include += [*headers.iterdir(), numpy.get_include(), sysconfig.get_path("include")]
     subprocess.run(
@@ -84,7 +84,7 @@ def build(folder: Path, prefix: Path, library: Path) -> None:
 
 
 def main() -> None:
-    """Make the package in this environment."""
+    """Build the package in this environment."""
     if shutil.which("g++") is None:
         sys.exit("the tests with ROS 2 need a C++ compiler: sudo apt-get install g++")
     prefix = Path(sys.prefix)
@@ -96,7 +96,7 @@ def main() -> None:
         installed = Path(sysconfig.get_path("purelib")) / PACKAGE
         shutil.rmtree(installed, ignore_errors=True)
         shutil.copytree(out, installed)
-    for each in (FAST_DDS, INTROSPECTION):  # Looked for by these names.
+    for each in (FAST_DDS, INTROSPECTION):  # These names are searched.
         link = prefix / "lib" / f"lib{PACKAGE}__{each}.so"
         link.unlink(missing_ok=True)
         link.symlink_to(installed / module.name)

@@ -1,6 +1,6 @@
-"""Node of rclpy as a program of its own: reads a request a line, as JSON, and answers with a line.
+"""An rclpy node as a separate program: one JSON request and reply per line.
 
-It imports nothing of the package under test: it is what a user of ROS writes.
+Like a user's program, it imports nothing from the package under test.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def load(type_name: str) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """Return a message as JSON can have it."""
+    """Convert a message to JSON types."""
     if hasattr(value, "get_fields_and_field_types"):
         return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
     if isinstance(value, bytes):
@@ -48,7 +48,7 @@ def plain(value: Any) -> Any:
 
 
 class Cart:
-    """Robot of others, in one plane."""
+    """External robot that moves in a plane."""
 
     def __init__(self, node: Node, urdf: str) -> None:
         self.pose = [3.0, -2.0, 0.5]
@@ -65,7 +65,7 @@ class Cart:
 
     @property
     def twist(self) -> tuple[float, float]:
-        """Forward and turn that it follows now."""
+        """Current forward speed and turn rate."""
         return self._last if time.monotonic() - self._last_s < _CART_TIMEOUT_S else (0.0, 0.0)
 
     def _take(self, message: Twist) -> None:
@@ -93,7 +93,7 @@ class Cart:
 
 
 class Peer:
-    """Subscribers, publishers and clients of one node."""
+    """Subscribers, publishers and clients of the node."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -122,7 +122,7 @@ class Peer:
         return self._said
 
     def endpoints(self, topic: str) -> dict[str, list[list[str]]]:
-        """Return node, type, reliability and durability of all ends of a topic."""
+        """Return node, type, reliability and durability of all endpoints of a topic."""
         node = self._node
         return {
             kind: [
@@ -169,7 +169,7 @@ class Peer:
         self._pusher.start()
 
     def let_go(self, withdraw: bool = False) -> None:
-        """Fall silent; `withdraw` ends the publishers as well."""
+        """Stop publishing; `withdraw` also destroys the publishers."""
         self._ending.set()
         if self._pusher is not None:
             self._pusher.join()
@@ -179,7 +179,7 @@ class Peer:
             self._publishers.clear()
 
     def square(self, side_m: float, speed_mps: float) -> float:
-        """Drive along a square, by odometry alone, and return the length of its path."""
+        """Drive a square by odometry alone, and return the path length."""
         drive, end_s = SquareDrive(side_m, speed_mps), time.monotonic() + PATIENCE_S
         while (twist := drive.twist(*self._pose())) is not None:
             if time.monotonic() > end_s:
@@ -190,16 +190,16 @@ class Peer:
         return drive.path_m
 
     def cart(self, urdf: str) -> None:
-        """Be a robot with two wheels that follows `cmd_vel`, with a timeout of its own."""
+        """Simulate a robot with two wheels that follows `cmd_vel`, with a command timeout."""
         self._cart = Cart(self._node, urdf)
 
     def cart_at(self) -> dict[str, Any]:
-        """Return where the cart is, its speed, and the number of `cmd_vel` that came."""
+        """Return pose and twist of the cart, and the number of received `cmd_vel`."""
         cart = self._cart
         return {"pose": cart.pose, "twist": cart.twist, "heard": cart.heard}
 
     def cart_silent(self, silent: bool) -> None:
-        """Publish no odometry, or again."""
+        """Pause or resume the odometry."""
         self._cart.silent = silent
 
     def _pose(self) -> tuple[float, float, float]:

@@ -1,6 +1,6 @@
-"""`tsd-ros --rmw dds` as a user of ROS 2 meets it: nodes of rclpy over Fast DDS.
+"""`tsd-ros --rmw dds` as a ROS 2 user runs it: rclpy nodes over Fast DDS.
 
-Run by `make test-ros`, in the environment that has rclpy.
+Run by `make test-ros`, in an environment with rclpy.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 ALLOWANCE_M = robots.load_robot("tsd").limits.stop_allowance_m
 SPEED_MPS = 0.8
 LONGEST_GAP_S = 0.1
-"""Between two messages of the truth as a node of rclpy gets them."""
+"""Maximum period of truth messages at an rclpy node."""
 PATIENCE_S = 60.0
 TWIST, TWIST_STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
 PROFILE = Path(__file__).with_name("loopback.xml")
 DOMAIN = 1 + os.getpid() % 100
-"""Of DDS: another run on this machine hardly has the same one."""
+"""DDS domain, chosen to differ from concurrent runs on this machine."""
 
 
 class Peer:
-    """A node of rclpy in a process of its own."""
+    """An rclpy node in a separate process."""
 
     def __init__(self, name: str) -> None:
         self._process = subprocess.Popen(
@@ -96,7 +96,7 @@ class Peer:
 
 @dataclass(frozen=True)
 class Stage:
-    """A robot, the adapter and a node of rclpy, as processes of their own."""
+    """A robot, the adapter and an rclpy node in separate processes."""
 
     endpoint: str
     adapter: Program
@@ -157,7 +157,7 @@ def stage(tmp_path_factory: pytest.TempPathFactory) -> Generator[Stage]:
 
 @pytest.fixture(autouse=True)
 def at_rest(stage: Stage) -> Generator[None]:
-    """Each test leaves the robot free and disarmed, and no publisher of `cmd_vel`."""
+    """Start each test with the robot free and disarmed, without a `cmd_vel` publisher."""
     yield
     stage.peer.ask("let_go", withdraw=True)
     if stage.peer.status["mode"] in ("stopped", "fault"):
@@ -181,7 +181,7 @@ def test_nodes_see_the_table_of_topics_with_its_types_and_qos(stage: Stage) -> N
         return reliability.upper().replace(" ", "_"), durability.upper().replace(" ", "_")
 
     def shown(name: str, kind: str, expected: set[tuple[str, ...]]) -> None:
-        # The name of a node comes after its endpoints.
+        # The name of a node arrives after its endpoints.
         peer.until(lambda: ends(name, kind) == expected, f"{name}: {ends(name, kind)}")
 
     for row in PUBLISHED:
@@ -212,7 +212,7 @@ def test_nodes_receive_all_topics_and_late_joiners_the_urdf(stage: Stage) -> Non
     assert len(newest["/joint_states"]["name"]) == len(newest["/joint_states"]["position"]) == 9
     moved = {each["child_frame_id"] for each in newest["/tf"]["transforms"]}
     assert {"base_footprint", "module1_inner"} & moved
-    # Published once, long before these subscribe.
+    # Published once, long before these nodes subscribe.
     for topic, type_name in (
         ("/robot_description", "std_msgs/msg/String"),
         ("/tf_static", "tf2_msgs/msg/TFMessage"),
@@ -261,8 +261,8 @@ def test_a_publisher_that_is_killed_leaves_a_robot_at_rest(stage: Stage) -> None
     finally:
         other.close()
     assert stage.x_m - last_m < ALLOWANCE_M + LONGEST_GAP_S * SPEED_MPS
-    # The graph of ROS has it until its lease is over; until then a new one is one of two. The
-    # adapter may notice that after this peer.
+    # The ROS graph lists it until its lease ends, so until then a new publisher is the second. The
+    # adapter may notice later than this peer.
     stage.peer.until(
         lambda: not stage.peer.ask("endpoints", topic="/cmd_vel")["publishers"], "it is kept"
     )
@@ -270,7 +270,7 @@ def test_a_publisher_that_is_killed_leaves_a_robot_at_rest(stage: Stage) -> None
 
 
 def drives(stage: Stage) -> bool:
-    """Return whether a publisher that pauses, and then publishes for a second, moves the robot."""
+    """Return whether a publisher that pauses, then publishes for 1 s, moves the robot."""
     stage.peer.ask("let_go")
     time.sleep(2.0 * PAUSE_S)
     stage.peer.ask("push", vx_mps=0.3)

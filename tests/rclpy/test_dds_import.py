@@ -1,6 +1,6 @@
-"""`tsd-ros --rmw dds --import`: a robot of rclpy over Fast DDS, on our bus.
+"""`tsd-ros --rmw dds --import`: an rclpy robot over Fast DDS, on our bus.
 
-Run by `make test-ros`, in the environment that has rclpy.
+Run by `make test-ros`, in an environment with rclpy.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ OWN_TIMEOUT_S = 0.5
 
 @dataclass(frozen=True)
 class Stage:
-    """A robot of rclpy, and `tsd-ros --import`, as processes of their own."""
+    """An rclpy robot and `tsd-ros --import`, in separate processes."""
 
     cart: Peer
     adapter: Program

@@ -1,4 +1,4 @@
-"""Every message of the bus is in the file, to the byte, and no reader meets what it cannot read."""
+"""Every bus message is recorded byte by byte, and readers meet only decodable messages."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ from rosbags.typesys import Stores, get_typestore
 from tsd_twin.control.logged_controller import InputBatch, ServeCall, StopCall, encode_batch
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import BASE, JointState, TwistStamped, encode_joints, encode_twist
-from tsd_twin.messages.commands import Sample, encode_attachment
+from tsd_twin.messages.commands import encode_attachment
 from tsd_twin.messages.pose import PoseStamped, encode_pose
 from tsd_twin.messages.status import encode_stamp
+from tsd_twin.messages.topics import Sample
 from tsd_twin.recording.channels import RAW, Entry, EntryMaker, RawMessage
 from tsd_twin.recording.export import Redactor
 
@@ -38,7 +39,7 @@ attachments = st.binary(max_size=40) | st.sampled_from(
 
 
 def sample_of(entries: list[Entry]) -> Sample:
-    """Put a message together again from what is in the file."""
+    """Rebuild a message from its entries in the file."""
     whole = [entry for entry in entries if not entry.topic.endswith(RAW)]
     raws = [entry for entry in entries if entry.topic.endswith(RAW)]
     assert len({entry.sequence for entry in entries}) == 1

@@ -27,7 +27,7 @@ def details_of(path: Path) -> RecordingDetails:
 
 
 def recorded(path: Path, *modes: str, coded: bool) -> Path:
-    """Write a robot that passes through some modes, each with a status."""
+    """Record a robot that passes through some modes, each with a status."""
     file = RecordingFile(path)
     robot = RecordedDrive(file)
     for before, after in pairwise(modes):
@@ -50,7 +50,7 @@ def test_each_stop_and_fault_is_counted_once(tmp_path: Path, *, coded: bool) -> 
 
 
 def test_drivers_are_those_who_had_control_in_order(tmp_path: Path) -> None:
-    """The first has control from before the recording; the last asks for it only."""
+    """The first has control since before the recording; the last only requests it."""
     file = RecordingFile(tmp_path / "a.mcap")
     robot = RecordedDrive(file)
     for holder in ("zoe", "alice", "zoe", None):

@@ -1,4 +1,4 @@
-"""Files of a recorder: cut anywhere, on a full disk, in a folder with a limit."""
+"""Recording files: truncated anywhere, on a full disk, in a folder with a size limit."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ from tsd_twin.recording.records import is_whole
 ODOM = "twin/tsd/state/odom"
 STEP_NS = 20_000_000
 FLUSH_EVERY = 20
-"""Entries between two flushes: 0.2 s, since each time has two entries."""
+"""Entries between two flushes of 0.2 s, because each time has two entries."""
 
 
 def entry(number: int) -> Entry:
-    """Return an entry that no compression makes small."""
+    """Return an incompressible entry."""
     noise = np.random.default_rng(number).normal(size=(2, 3))
     odometry = Odometry(noise[0], noise[1], np.eye(3), np.eye(3), number)
     at_ns = 1_700_000_000_000_000_000 + number // 2 * STEP_NS
@@ -43,7 +43,7 @@ def entry(number: int) -> Entry:
 
 
 def written(path: Path, count: int = 1000) -> list[Entry]:
-    """Write a whole file, flushed as the recorder does."""
+    """Write a whole file, flushed like the recorder does."""
     file, all_entries = RecordingFile(path), [entry(i) for i in range(count)]
     for i, each in enumerate(all_entries):
         file.add(each)
@@ -54,7 +54,7 @@ def written(path: Path, count: int = 1000) -> list[Entry]:
 
 
 def by_mcap(path: Path) -> list[tuple[str, int, bytes]]:
-    """Read with the library of the format only."""
+    """Read with the MCAP library only."""
     with path.open("rb") as file:
         return [
             (channel.topic, message.log_time, message.data)
@@ -63,7 +63,7 @@ def by_mcap(path: Path) -> list[tuple[str, int, bytes]]:
 
 
 def by_rosbags(path: Path) -> list[Any]:
-    """Read with rosbags only, and decode what has a type."""
+    """Read with rosbags only, and decode typed messages."""
     with AnyReader([path]) as reader:
         return [
             reader.deserialize(raw, connection.msgtype)
@@ -92,7 +92,7 @@ def test_a_whole_file_is_read_by_the_readers_of_others(tmp_path: Path) -> None:
 
 
 def test_a_file_that_is_cut_anywhere_keeps_what_was_flushed_before(tmp_path: Path) -> None:
-    """At 40 random places, and at the first bytes: read as it is, then completed."""
+    """Cut at 40 random places and in the first bytes: read directly, then after completion."""
     whole = tmp_path / "whole.mcap"
     file, all_entries, flushed = RecordingFile(whole), [], [(0, 0)]
     for i in range(1000):
@@ -147,7 +147,7 @@ def test_what_is_no_recording_is_refused_in_a_sentence(tmp_path: Path) -> None:
 
 
 def test_a_second_recorder_leaves_the_file_of_the_first_alone(tmp_path: Path) -> None:
-    """It neither completes nor removes it."""
+    """It neither completes nor removes the file."""
     folder = RecordingFolder(tmp_path, 1)
     file = folder.new_file()
     file.add(entry(0))
@@ -207,7 +207,7 @@ print(failed)
 
 @pytest.mark.system
 def test_nothing_is_lost_while_a_disk_is_full_for_some_time(tmp_path: Path) -> None:
-    """A limit of the size of files stands for the disk: the same calls fail."""
+    """A file size limit simulates a full disk, because the same calls fail."""
     ran = subprocess.run(
         [sys.executable, "-c", FULL, str(tmp_path / "a.mcap")], capture_output=True, text=True
     )

@@ -1,4 +1,4 @@
-"""A file from anywhere costs bounded memory and time, and its errors are one sentence each."""
+"""Any file costs bounded memory and time, and each error is one sentence."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tsd_twin.recording.remote import ReaderProcesses, RemoteFolderReader, Remot
 pytestmark = [pytest.mark.system, pytest.mark.timeout(240)]
 
 GROWTH_BYTES = 200 << 20
-"""Memory that a program may need to read a file in its own process."""
+"""Memory a program may need to read a file in a separate process."""
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def processes() -> Generator[ReaderProcesses]:
 
 
 def refusals(*reads: Callable[[], object]) -> Iterator[str]:
-    """Yield the errors of some reads; other errors than ours are raised."""
+    """Yield the package's errors of some reads; others are raised."""
     for read in reads:
         try:
             read()
@@ -56,7 +56,7 @@ def refusals(*reads: Callable[[], object]) -> Iterator[str]:
 
 
 def shown(path: Path, processes: ReaderProcesses) -> list[str]:
-    """Do what a dashboard does with a file; return its errors."""
+    """Read a file like a dashboard; return its errors."""
     folder = RemoteFolderReader(processes)
     found = list(refusals(lambda: folder.listing(path), lambda: folder.details(path, 20)))
     folder.close()
@@ -73,7 +73,7 @@ def shown(path: Path, processes: ReaderProcesses) -> list[str]:
 
 
 def used(path: Path) -> list[str]:
-    """Do what a script does with a file; return its errors."""
+    """Read a file like a script; return its errors."""
 
     def read(recording: tsd_twin.Recording) -> None:
         for message in recording.messages():
@@ -95,7 +95,7 @@ def memory_bytes(name: str) -> int:
 
 
 def errors_within_memory(path: Path, processes: ReaderProcesses) -> list[str]:
-    """Read a file in every way; fail if this process needs too much memory for that."""
+    """Read a file in every way; fail if the process exceeds its memory limit."""
     Path("/proc/self/clear_refs").write_text("5", encoding="ascii")  # Resets the peak.
     before = memory_bytes("VmRSS")
     errors = [*shown(path, processes), *used(path)]
@@ -108,7 +108,7 @@ def check(honest: Path, folder: Path, processes: ReaderProcesses, seeds: range) 
         path = damaged(honest, folder / f"{seed}.mcap", seed)
         for error in errors_within_memory(path, processes):
             assert is_a_sentence(error, path), (seed, error)
-            # The budgets of the parser hold before those of the process.
+            # The parser's limits apply before those of the process.
             assert "too much time" not in error, seed
         path.unlink()
 
@@ -147,7 +147,7 @@ def test_a_chunk_is_refused_by_the_size_it_has_and_the_size_it_says(
 def test_a_planted_bomb_is_not_written_larger_when_a_recorder_starts(
     honest: Path, tmp_path: Path
 ) -> None:
-    """It is named as a recording and has no end, so the next recorder would complete it."""
+    """It has a recording's name and no end, so the next recorder would complete it."""
     parts = Parts.read(honest)
     zeros = parts.with_bomb(5 << 20).chunks[-2:-1] * 30
     path = tmp_path / "tsd-planted.mcap"

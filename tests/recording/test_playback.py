@@ -1,4 +1,4 @@
-"""The cursor of a recording: it plays at its speed, stays within it, and pauses at the end."""
+"""The playback cursor advances at its speed, stays in range, and pauses at the end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Seeking shows the same as playing up to that time; events and marks are found."""
+"""Seeking shows the same state as playback; events and marks are found."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import decode_joints, decode_odometry
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import Event
-from tsd_twin.messages.status import RobotStatus, decode_status, encode_status
+from tsd_twin.messages.status import ConsistencyStatus, RobotStatus, decode_status, encode_status
 from tsd_twin.recording import RecordingFolder, mcap_file
 from tsd_twin.recording.channels import JSON, Entry
 from tsd_twin.recording.events import (
@@ -50,7 +50,7 @@ STREAMS: dict[str, tuple[topics.Topic, Callable[[bytes], Any]]] = {
 
 @pytest.fixture(scope="module")
 def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two robots, of which one comes late and goes early, with what no reader can decode."""
+    """Record two robots, one of which joins late and leaves early, with undecodable messages."""
     path = tmp_path_factory.mktemp("drives") / "tsd-20260101T000000Z.mcap"
     file = RecordingFile(path)
     first, second = RecordedDrive(file), None
@@ -72,7 +72,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def played(path: Path) -> Iterator[tuple[int, dict[tuple[str, str], Entry]]]:
-    """Yield the newest decodable message of each stream, after each message."""
+    """Yield the latest decodable message of each stream, after each message."""
     newest: dict[tuple[str, str], Entry] = {}
     for entry in mcap_file.entries(path):
         robot = entry.topic.split("/")[1]
@@ -167,7 +167,7 @@ def test_stepping_by_status_shows_each_once(driven: Path) -> None:
 
 
 def test_a_file_that_grows_or_was_cut_shows_the_same(driven: Path, tmp_path: Path) -> None:
-    """Its index is made by walking over it, in steps of any size."""
+    """Its index is built by scanning, in steps of any size."""
     data, whole = driven.read_bytes(), Player(driven)
     path = tmp_path / "tsd-growing.mcap"
     random = np.random.default_rng(3)
@@ -198,7 +198,7 @@ def test_a_file_that_grows_or_was_cut_shows_the_same(driven: Path, tmp_path: Pat
 
 
 def test_messages_that_were_written_out_of_order_are_found_by_their_time(tmp_path: Path) -> None:
-    """Threads of the bus take times before they queue, so that chunks may overlap."""
+    """Bus threads take timestamps before they queue, so chunks may overlap."""
     path, topic, random = tmp_path / "a.mcap", "twin/tsd/event/x", np.random.default_rng(5)
     file = RecordingFile(path)
     for number in range(400):
@@ -254,7 +254,7 @@ def test_events_are_found_and_repeated_ones_are_counted(driven: Path) -> None:
     assert [event.t_s for event in events] == sorted(event.t_s for event in events)
     by_kind = {kind: [each for each in events if each.kind is kind] for kind in EventKind}
     assert by_kind[EventKind.HAND_OVER][0].text == "alice has control."
-    # Eight, a second after one another.
+    # Eight events, 1 s apart.
     (drops,) = by_kind[EventKind.DROP]
     assert drops.count == 8
     stops = by_kind[EventKind.STOP]
@@ -289,7 +289,7 @@ def test_an_event_that_never_occurred_has_no_messages_and_a_topic_of_nobody_is_a
 
 
 def test_an_event_about_a_suspect_is_found_as_one_of_consistency() -> None:
-    event = FaultReporter().step("module2", 5.0)
+    event = FaultReporter().step(ConsistencyStatus(suspect="module2", level=2.0), 5.0)
     assert event is not None
     assert kind_of(event) is EventKind.CONSISTENCY
 
@@ -317,7 +317,7 @@ def test_marks_stay_beside_a_recording_and_go_with_it(driven: Path, tmp_path: Pa
 def test_a_list_has_time_duration_robots_and_marks_of_each_recording(
     driven: Path, tmp_path: Path
 ) -> None:
-    """Whole ones, one that grows, and what is none."""
+    """Complete files, a growing one, and one that is not a recording."""
     whole, growing = tmp_path / "a.mcap", tmp_path / "b.mcap"
     shutil.copy(driven, whole)
     data = driven.read_bytes()

@@ -1,4 +1,4 @@
-"""Readers of recordings give way to their dashboard."""
+"""Recording readers yield the processor to their dashboard."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a recorder takes from the bus."""
+"""Keys that a recorder subscribes to."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pathlib import Path
 from mcap.reader import make_reader
 
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.pictures import CameraName
+from tsd_twin.messages.topics import Sample
 from tsd_twin.recording import Recorder
 from tsd_twin.recording.folder import RecordingFolder
 
@@ -22,7 +22,7 @@ class OneStream:
         self.put = take
 
     def subscribe_liveliness(self, _key: str, take: object) -> None:
-        """Show no robots."""
+        """Report no robots."""
 
 
 def test_a_recording_has_each_message_but_pictures(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The controller does again, bit for bit, what it did; and a change shows at its time."""
+"""A rerun of the controller is identical to the bit, and a change shows at its time."""
 
 from __future__ import annotations
 
@@ -34,10 +34,11 @@ from tsd_twin.control.logged_controller import (
     load_state,
 )
 from tsd_twin.errors import TwinError
+from tsd_twin.kinematics import JointKind
 from tsd_twin.messages.status import LoopStatus
 from tsd_twin.recording.channels import Entry
 from tsd_twin.recording.export import Redactor
-from tsd_twin.recording.rerun import Rerun, WhatIf, stretches
+from tsd_twin.recording.rerun import Rerun, Resimulation, WhatIf, stretches
 from tsd_twin.safety import lease, supervisor
 
 EVENTFUL = sorted(TEXTS)
@@ -64,7 +65,7 @@ def test_set_points_and_estimates_are_the_recorded_ones_bit_for_bit(name: str) -
 
 @pytest.mark.parametrize("name", EVENTFUL)
 def test_the_run_has_all_that_a_controller_can_be_given(name: str) -> None:
-    """Otherwise the law above would say little."""
+    """Otherwise the test above would prove little."""
     run = run_of(name)
     modes = {call.mode for call in run.calls if isinstance(call, StatusCall)}
     assert modes == {"arming", "ready", "driving", "stopping", "stopped", "disarmed"}
@@ -82,7 +83,7 @@ def test_the_run_has_all_that_a_controller_can_be_given(name: str) -> None:
 
 @pytest.mark.parametrize("name", EVENTFUL)
 def test_a_run_can_begin_at_any_state_in_the_log(name: str) -> None:
-    """Also while it drives, during a hand-over, and while the wheels change their speed."""
+    """Also while driving, during a handover, and while the wheels change their speed."""
     run = run_of(name)
     for first in range(1, len(run.batches), 9):
         result = rerun(run, first)
@@ -95,7 +96,7 @@ def test_a_run_can_begin_at_any_state_in_the_log(name: str) -> None:
 def test_a_changed_constant_of_the_core_is_found_at_its_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The longest step bounds the change of speed after a late period: that is when it shows."""
+    """The constant bounds the speed change after a late period, which is when it shows."""
     run = run_of("omni4")
     late = next(
         step for before, step in zip(run.steps, run.steps[1:], strict=False)
@@ -108,7 +109,7 @@ def test_a_changed_constant_of_the_core_is_found_at_its_time(
     assert difference.what.startswith("the set-point of wheel")
     assert "mode driving" in difference.cause
     assert "commands" in difference.cause
-    # Before that time nothing differs, and with a state from later nothing does.
+    # Before that time there is no difference, and none with a later start state.
     last = max(i for i, batch in enumerate(run.batches) if late in batch.calls)
     assert rerun(run, last + 1).difference is None
 
@@ -128,7 +129,7 @@ def test_a_changed_time_of_the_lease_is_found_in_its_first_answer(
 
 @pytest.mark.parametrize("name", ["omni4", "kiwi"])
 def test_one_bit_of_one_measurement_is_found_in_its_period(name: str) -> None:
-    """Of `omni4` only the second estimate comes from the driven wheels."""
+    """For `omni4`, only the second estimate uses the driven wheels."""
     run = run_of(name)
     number = next(
         i for i, b in enumerate(run.batches)
@@ -142,7 +143,7 @@ def test_one_bit_of_one_measurement_is_found_in_its_period(name: str) -> None:
     values = np.frombuffer(step.measured, "<f8")
     first = int(np.flatnonzero(np.isfinite(values) & (values != 0.0))[0])
     measured = bytearray(step.measured)
-    measured[8 * first + 1] ^= 1  # Some 1e-14 of it.
+    measured[8 * first + 1] ^= 1  # About 1e-14 of it.
     calls = list(batch.calls)
     calls[at] = msgspec.structs.replace(step, measured=bytes(measured))
     changed = [*run.batches]
@@ -154,7 +155,7 @@ def test_one_bit_of_one_measurement_is_found_in_its_period(name: str) -> None:
     assert "estimate" in result.difference.what
     assert (result.largest_difference > 0.0) == (name == "kiwi")
     assert result.largest_difference < 1e-9
-    # Another processor may round differently; a tolerance accepts that.
+    # Another processor may round differently, which a tolerance accepts.
     assert Rerun(stretch, run.text, 1e-9).run().difference is None
 
 
@@ -171,7 +172,7 @@ def test_code_that_raises_is_a_difference_with_its_time(monkeypatch: pytest.Monk
     assert "ZeroDivisionError: a bug" in difference.what
 
 
-# What is on record.
+# Completeness of the log.
 
 LOGGED = {
     "step": StepCall,
@@ -186,13 +187,13 @@ PASSES_THROUGH = {"status": {"loop", "hardware"}}
 """Arguments that are only copied into the result."""
 READS = {
     "kinematics", "joints", "odometry", "alternative_odometry", "joint_state", "setpoint_state",
-    "mean_twist", "pose", "end_twist", "take_events",
+    "mean_twist", "pose", "unfused_pose", "end_twist", "take_events",
 }  # fmt: skip
-"""What changes nothing that set-points and estimates depend on."""
+"""Methods without effect on setpoints and estimates."""
 
 
 def test_every_input_of_the_controller_is_on_record() -> None:
-    """A new method, or a new argument, has to be logged or shown to be no input."""
+    """A new method or argument must be logged or declared not to be an input."""
     public = {name for name in vars(RobotController) if not name.startswith("_")}
     assert public == set(LOGGED) | READS
     for name, call in LOGGED.items():
@@ -235,7 +236,7 @@ def test_what_is_not_logged_changes_no_state() -> None:
 
 
 def test_no_random_number_and_no_environment_gets_in_by_another_way() -> None:
-    """Clocks, threads and sockets are forbidden by the layers; this is the rest."""
+    """The import layers already forbid clocks, threads and sockets."""
     hidden = {"random", "secrets", "uuid", "os", "platform"}
     for package in ("control", "safety", "estimation", "motion", "kinematics", "messages"):
         for path in (Path(tsd_twin.__file__).parent / package).glob("*.py"):
@@ -249,7 +250,7 @@ def test_no_random_number_and_no_environment_gets_in_by_another_way() -> None:
             assert "np.random" not in text, path
 
 
-# Gaps, damage, other people's files.
+# Gaps, damage, and files from other programs.
 
 
 def test_after_a_gap_the_run_goes_on_from_the_next_state() -> None:
@@ -354,7 +355,7 @@ def test_what_if_another_description_drove() -> None:
 
 
 def test_what_if_begins_where_the_robot_is_free() -> None:
-    """Its pose there is the recorded one; while another drives there is no beginning."""
+    """The start pose is the recorded one; while another operator drives, there is no start."""
     run = run_of("omni4")
     driving = next(
         i for i, b in enumerate(run.batches)
@@ -367,6 +368,71 @@ def test_what_if_begins_where_the_robot_is_free() -> None:
     result = WhatIf(stretch, run.text, robots.parse_description(run.text, "other")).run()
     recorded, here = np.array(result.recorded_estimates), np.array(result.estimates)
     np.testing.assert_allclose(here[:, :3], recorded[:, :3], atol=0.05)
+
+
+def _watched_drive(radius_m: float) -> tuple[LoggedRun, str]:
+    """Return a drive under a camera, with a wheel radius that differs from the description."""
+    described = TEXTS["tsd"]
+    harness = LoggedHarness(
+        described.replace("wheel_radius_m = 0.04", f"wheel_radius_m = {radius_m}"), 3
+    )
+    operator = harness.get_ready("alice")
+    for i in range(260):
+        if i % 2 == 0 and 30 < i < 200:
+            harness.send(operator, (0.5, 0.0, 0.0))
+        if i % 4 == 0:
+            assert harness.simulated is not None
+            harness.show(harness.simulated.truth(harness.now_s).pose)
+        harness.tick()
+    harness.take()
+    return harness.run, described
+
+
+def test_what_if_finds_the_wheel_radius_nearer_to_the_camera() -> None:
+    run, described = _watched_drive(0.042)
+    (stretch,) = stretches(run.batches)
+    off_m: dict[float, float] = {}
+    for radius_m in (0.04, 0.042):
+        text = described.replace("wheel_radius_m = 0.04", f"wheel_radius_m = {radius_m}")
+        result = WhatIf(stretch, run.text, robots.parse_description(text, "other")).run()
+        motions = result.sensed_motion()
+        assert motions is not None
+        assert motions[0][0] == pytest.approx(0.88, abs=0.05)
+        off_m[radius_m] = abs(float(motions[1][0] - motions[0][0]))
+    assert off_m[0.042] < 0.5 * off_m[0.04]
+    assert off_m[0.04] == pytest.approx(0.05 * 0.88, rel=0.5)
+
+
+def test_resimulation_follows_changed_limits() -> None:
+    run, described = _watched_drive(0.04)
+    (stretch,) = stretches(run.batches)
+    slow = described.replace("speed_mps = 1.0", "speed_mps = 0.25")
+    ends: list[float] = []
+    for text in (described, slow):
+        other = robots.parse_description(text, "other")
+        result = Resimulation(stretch, run.text, other).run()
+        assert result.difference is None or "raises" not in result.difference.what
+        assert result.sensed_motion() is None, "recorded poses are of another motion"
+        ends.append(float(result.odometry[-1][0]))
+    assert ends[0] == pytest.approx(0.85, abs=0.1)
+    assert ends[1] == pytest.approx(0.5 * ends[0], rel=0.1)
+    follows_not = WhatIf(stretch, run.text, robots.parse_description(slow, "other")).run()
+    assert follows_not.odometry[-1][0] == pytest.approx(ends[0], abs=0.1)
+
+
+def test_largest_setpoint_difference_has_joint_and_time() -> None:
+    run, described = _watched_drive(0.04)
+    (stretch,) = stretches(run.batches)
+    slow = described.replace("speed_mps = 1.0", "speed_mps = 0.25")
+    result = WhatIf(stretch, run.text, robots.parse_description(slow, "other")).run()
+    largest = result.largest_setpoint_difference(JointKind.POSITION)
+    assert largest is not None
+    apart, step, joint = largest
+    names = [each.name for each in result.robot.kinematics().joints]
+    assert names[joint].endswith(("alpha", "beta"))
+    assert apart == abs(result.setpoints[step][joint] - result.recorded[step][joint]) > 0.0
+    moving = next(i for i, each in enumerate(result.estimates) if abs(each[3]) > 0.1)
+    assert step > moving
 
 
 def test_an_empty_log_has_no_stretch() -> None:

@@ -1,4 +1,4 @@
-"""Deleted recordings: moved as a whole, restored as a whole, kept for some time."""
+"""Deleted recordings are moved and restored as a whole, and kept for some time."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ THREADS = 8
 
 
 def recording(folder: Path, name: str = NAME, content: bytes = b"content") -> Path:
-    """Write a file with mark and title; the trash does not look into recordings."""
+    """Write a file with a mark and a title; the trash does not read recordings."""
     path = folder / name
     path.write_bytes(content)
     add_mark(path, Annotation(5, "slipped", "alice"))
@@ -127,14 +127,14 @@ def test_whatever_is_done_at_once_each_recording_exists_once(tmp_path: Path) -> 
 
 
 class CrashError(BaseException):
-    """The program ends here."""
+    """Simulated crash of the program."""
 
 
 @pytest.fixture
 def crash(monkeypatch: pytest.MonkeyPatch) -> Generator[Callable[[int], None]]:
-    """Return a function that lets the program end at the next renames but some.
+    """Return a function that crashes the program at a later rename.
 
-    Odd numbers end it after the rename, even ones before.
+    Odd numbers crash it after the rename, even ones before.
     """
     rename, left = Path.rename, [1 << 30]
 
@@ -200,7 +200,7 @@ def test_marks_made_after_the_deletion_are_kept(tmp_path: Path) -> None:
     deletion = trash.put(path, "bob", NOW_NS)
     with pytest.raises(RecordingError, match="does not exist"):
         add_mark(path, Annotation(7, "late"))
-    # A mark on its way when the recording was deleted.
+    # A mark added while the recording was being deleted.
     marks_file(path).write_text('{"log_ns":7,"note":"late"}\n')
     trash.restore(deletion.id)
     assert [mark.note for mark in read_marks(path)] == ["slipped", "late"]

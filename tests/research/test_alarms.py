@@ -1,6 +1,6 @@
-"""False alarms of the consistency monitor, and what it finds; against both plants.
+"""False alarms and detections of the consistency monitor, on both plants.
 
-Few robots; the seeds are not those of the table in the docs.
+Few robots, with other seeds than the table in the docs.
 """
 
 from __future__ import annotations

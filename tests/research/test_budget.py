@@ -1,4 +1,4 @@
-"""Thousands of squares at once, against the simulator and against figures by hand."""
+"""Thousands of simulated squares, against the simulator and manual calculations."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ def errors(runs: int = 1, **given: object) -> ErrorSet:
 
 def test_without_errors_it_is_at_every_corner_in_time() -> None:
     outcome = drive_open_loop(ROBOT, SQUARE, errors())
-    # A gimbal that jumps has rolled its wheel before the drive begins; a side takes whole periods.
+    # A gimbal that jumps has rolled its wheel before the drive; a side takes whole periods.
     assert outcome.worst_m[0] < 1e-9
     assert outcome.closure_m[0] < 1e-9
 
 
 def test_servos_that_lag_are_late_but_beside_the_line_only_at_corners() -> None:
-    """As on a plot of y against x: half of the way that is rounded off, or less."""
+    """As on a plot of y against x: at most half of the rounded-off distance."""
     outcome = drive_open_loop(ROBOT, SQUARE, errors(lag=1.0))
     assert 0.1 * outcome.worst_m[0] < outcome.line_m[0] < 0.5 * outcome.worst_m[0]
 
@@ -54,7 +54,7 @@ def test_servos_that_lag_are_late_but_beside_the_line_only_at_corners() -> None:
 @pytest.mark.parametrize("share", [-0.03, 0.02])
 def test_wheels_that_are_all_too_fast_make_a_larger_square(share: float) -> None:
     outcome = drive_open_loop(ROBOT, SQUARE, errors(speed_scale_error=np.full((1, 3), share)))
-    # Inside of the square the nearest line is a side, outside of its far corner that corner.
+    # Inside the square the nearest line is a side; beyond its far corner, that corner.
     beside = -share if share < 0.0 else np.sqrt(2.0) * share
     assert outcome.line_m[0] == pytest.approx(beside, rel=1e-6)
     assert outcome.worst_m[0] == pytest.approx(np.sqrt(2.0) * abs(share), rel=1e-6)
@@ -68,7 +68,7 @@ def test_servos_that_lag_are_late_by_their_time_constant() -> None:
 
 
 def test_with_lag_and_steps_it_is_the_simulator() -> None:
-    """One robot, the same set-points, its position at the end of the drive."""
+    """One robot with the same setpoints; compare the final position."""
     simulation = simulate(ROBOT)
     idle = simulation.kinematics.inverse(np.zeros(3))
     still = idle.copy()
@@ -90,7 +90,7 @@ def test_with_lag_and_steps_it_is_the_simulator() -> None:
 
 
 def test_slip_takes_most_of_what_it_takes_in_mujoco() -> None:
-    """The same set-points, on bodies with mass; there gimbals give way under load besides."""
+    """The same setpoints on rigid bodies, whose gimbals also yield under load."""
     solid = simulate(ROBOT, plant="mujoco")
     idle = solid.kinematics.inverse(np.zeros(3))
     for setpoint, seconds in ((np.zeros(9), 2.0), (idle, 6.0)):
@@ -116,7 +116,7 @@ def test_a_delay_costs_its_way() -> None:
 
 
 def test_dead_band_and_play_are_those_of_the_simulator() -> None:
-    """One robot on a kinematic plant with these errors alone, as it goes on by itself."""
+    """A robot on a kinematic plant with only these errors, left to creep."""
     described, none = ROBOT.errors, ROBOT.with_errors(0.0).errors
     kept = {"dead_band_deg": described.dead_band_deg, "backlash_deg": described.backlash_deg}
     robot = msgspec.structs.replace(ROBOT, errors=msgspec.structs.replace(none, **kept))
@@ -130,7 +130,7 @@ def test_dead_band_and_play_are_those_of_the_simulator() -> None:
         simulation.advance(STEP_S)
     given = {name.replace("_deg", "_rad"): np.radians(size) for name, size in kept.items()}
     outcome = drive_open_loop(ROBOT, SQUARE, errors(step_rad=2 * np.pi / 4096, lag=1.0, **given))
-    # In its own middle of a period a gimbal may stop; nothing else differs.
+    # Within a period, a gimbal may stop earlier; all else is equal.
     assert outcome.closure_m[0] == pytest.approx(
         np.hypot(*simulation.pose.xy_heading[:2]), abs=1e-9
     )
@@ -167,16 +167,16 @@ def test_it_says_what_each_error_costs_and_together_it_is_five_to_twenty_percent
     ]
     every = rows["all of these"]
     assert every["runs"] == "400"
-    # The thesis saw at most 16 %: half of all robots with these errors do worse.
+    # The thesis observed at most 16 %; half of all robots with these errors do worse.
     assert 5.0 < float(every["median_percent"]) < 20.0
     assert all(any(name in line for line in lines) for name in rows)
-    # The less friction, the more slip; and less is seen on a plot of y against x than in time.
+    # Less friction causes more slip, and less shows on a plot of y against x than in time.
     slides = [float(rows[f"all, friction {each}"]["median_percent"]) for each in (0.5, 0.35, 0.2)]
     assert float(every["median_percent"]) < slides[0] < slides[1] < slides[2]
     assert all(
         float(row["line_median_percent"]) <= float(row["median_percent"]) for row in rows.values()
     )
-    # Errors that are independent do not add up to more than their sum.
+    # Independent errors add up to at most their sum.
     alone = [float(rows[source.name]["p95_percent"]) for source in ERROR_SOURCES]
     assert max(alone) < float(every["p95_percent"]) < sum(alone)
     assert is_picture(tmp_path / "budget.png")

@@ -1,7 +1,6 @@
-"""A camera that comes back to a driving robot: right poses are believed again, wrong ones never.
+"""After a camera gap while driving, right poses are accepted again and wrong ones never.
 
-A few robots of `python -m research camera-gap`, with other seeds than those of the table in the
-docs.
+A few robots of `python -m research camera-gap`, with other seeds than the table in the docs.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from research.open_loop import Case
 def test_after_20_s_right_poses_are_believed_within_a_second_and_wrong_ones_not(
     manoeuvre: str,
 ) -> None:
-    """Seeds with which a single outlier was believed, and no right pose after it."""
+    """With these seeds, a single outlier was accepted before, and no right pose afterwards."""
     case = Case("tsd", manoeuvre, 1.0, seeds=3, first=102)
     pictures = (Picture.GOOD, Picture.OUTLIERS, Picture.MIRRORED, Picture.FROZEN)
     for result in run_case(case, pictures=pictures):

@@ -1,7 +1,7 @@
-"""Whether estimates are as exact as they claim, against simulated robots with errors of their own.
+"""Consistency of estimates for simulated robots with individual errors.
 
-A few robots of each kind, and the commands of `python -m research consistency`. Limits are those
-that one in thousands of right estimates exceeds.
+A few robots of each kind, and the commands of `python -m research consistency`. One in thousands of
+correct estimates exceeds the limits.
 """
 
 from __future__ import annotations
@@ -14,12 +14,13 @@ import pytest
 
 from research.consistency import band
 from research.open_loop import CONSTANT, DEAD_WHEELS, GYRO, MOUNTED, Case, run_case
+from research.sphere import compare_sphere
 from tests.support.experiment_runs import is_picture, run
 from tsd_twin.errors import TwinError
 
 
 def few(robot: str, manoeuvre: str, seeds: int = 12, errors: float = 0.0, **more: Any) -> Case:
-    """Some robots for some seconds; their seeds are not those of the table in the docs."""
+    """A few robots for a few seconds, with other seeds than the table in the docs."""
     return Case(robot, manoeuvre, errors, seeds=seeds, first=700, times_s=(2.0, 4.0), **more)
 
 
@@ -38,7 +39,7 @@ def few(robot: str, manoeuvre: str, seeds: int = 12, errors: float = 0.0, **more
     ids=lambda case: f"{case.robot} {case.manoeuvre} {case.sensors}",
 )
 def test_errors_are_as_large_as_the_covariance_says(case: Case) -> None:
-    """Mean squared error in units of the covariance: three, of three numbers."""
+    """The mean normalized squared error of three numbers should be three."""
     result = run_case(case)
     assert (result.means > 0.8).all()
     assert (result.means < 6.5).all()
@@ -54,7 +55,7 @@ def test_errors_are_as_large_as_the_covariance_says(case: Case) -> None:
 def test_rigid_bodies_slide_no_further_than_the_covariance_says(
     manoeuvre: str, times_s: tuple[float, ...]
 ) -> None:
-    """On MuJoCo: after a start, and after wheels got faster, which turns the robot."""
+    """On MuJoCo: after a start, and after wheels sped up, which turns the robot."""
     case = Case("tsd", manoeuvre, plant="mujoco", seeds=5, first=700, times_s=times_s)
     result = run_case(case)
     assert (result.means > 1.0).all()
@@ -69,7 +70,7 @@ def test_a_camera_that_is_2_cm_off_is_within_what_is_claimed() -> None:
 
 
 def test_the_band_is_that_of_the_chi_square() -> None:
-    """Against dice."""
+    """Against random draws."""
     means = np.random.default_rng(0).chisquare(3, (20_000, 40)).mean(axis=1)
     np.testing.assert_allclose(band(40), np.quantile(means, [0.025, 0.975]), rtol=0.02)
 
@@ -97,7 +98,7 @@ def test_the_experiment_prints_a_cell_for_each_case_and_writes_the_table(tmp_pat
 @pytest.mark.parametrize(
     ("flags", "text"),
     [
-        (["--robots", "atlas"], "sphere"),
+        (["--robots", "atlas", "--manoeuvres", "circle"], "atlas has no manoeuvre 'circle'"),
         (["--manoeuvres", "fly"], "no manoeuvre 'fly'"),
         (["--robots", "kiwi", "--sensors", "dead wheels"], "the sensors 'dead wheels': joints"),
     ],
@@ -105,3 +106,11 @@ def test_the_experiment_prints_a_cell_for_each_case_and_writes_the_table(tmp_pat
 def test_what_cannot_be_driven_is_refused(tmp_path: Path, flags: list[str], text: str) -> None:
     with pytest.raises(TwinError, match=text):
         run(tmp_path, "consistency", *flags)
+
+
+def test_spheres_have_rows() -> None:
+    case = Case("atlas", "roll", odometry="joints", seeds=8, first=7100, times_s=(1.0, 2.0))
+    found = compare_sphere(case)
+    assert found.nees.shape == (2, 8)
+    assert ((found.means > 0.7) & (found.means < 8.0)).all()
+    assert found.coverage.min() > 0.3

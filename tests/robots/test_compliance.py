@@ -1,4 +1,4 @@
-"""How far the gimbals of a description give way, by hand and against the figures of the docs."""
+"""Gimbal compliance of a description, by hand and against the numbers in the docs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ STIFFNESS_NM = 29.1
 
 
 def test_a_push_leans_gimbals_as_the_docs_say() -> None:
-    """4 m/s^2 is 4 N a wheel, and 5.5 mrad in all: the sides of a right triangle in each module."""
+    """4 m/s^2 is 4 N per wheel, and 5.5 mrad in total: sides of a right triangle per module."""
     lean = COMPLIANCE.by_acceleration @ np.array([4.0, 0.0, 0.0])
     assert np.hypot(lean[0::3], lean[1::3]) == pytest.approx(np.full(3, 0.0055), rel=0.01)
     assert not lean[2::3].any()
@@ -25,8 +25,8 @@ def test_a_push_leans_gimbals_as_the_docs_say() -> None:
 def test_a_push_leans_a_gimbal_across_itself() -> None:
     """Forward, the floor pushes wheels forward at their lowest points, so their axles tip back.
 
-    The first module stands to the left, so its X points forward: `beta` leans, which moves the
-    wheel sideways.
+    The first module is on the left, so its X points forward: `beta` tilts the wheel sideways
+    and moves it.
     """
     lean = COMPLIANCE.by_acceleration @ np.array([4.0, 0.0, 0.0])
     assert lean[0] == pytest.approx(0.0, abs=1e-12)
@@ -42,7 +42,7 @@ def test_translations_lean_all_gimbals_alike_and_turns_do_not() -> None:
 
 
 def test_slip_pushes_as_far_as_friction_goes() -> None:
-    """A slip as fast as the patch turns meets 71 % of the friction, if it grew evenly all of it."""
+    """A slip as fast as the patch turns meets 71 % of the friction; extrapolated linearly, all."""
     spin_rad_per_s = 262.0
     slip_mps = COMPLIANCE.spin_to_slip_m * spin_rad_per_s
     lean = COMPLIANCE.by_slip(spin_rad_per_s)[:, 0] * slip_mps

@@ -1,4 +1,4 @@
-"""The tables of kinds in each layer are complete and fit together; kinds of other packages."""
+"""The per-layer tables of kinds are complete and consistent; kinds of other packages."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_implementations_of_a_kind_fit_together(robot: robots.RobotDescription) 
 
 @pytest.fixture
 def installed(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[metadata.EntryPoint]]:
-    """List of entry points that are installed as far as the registry can see."""
+    """List of entry points that the registry sees as installed."""
     points: list[metadata.EntryPoint] = []
     monkeypatch.setattr(metadata, "entry_points", lambda **_: points)
     monkeypatch.setattr(registry, "_LOADED", {})

@@ -1,4 +1,4 @@
-"""A robot file is either right, or its error says what to change, where, and into what."""
+"""A robot file is valid, or its error names the value, its place and a valid replacement."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TSD = read_description("tsd")
 
 
 def edited(old: str, new: str) -> str:
-    """The shipped file with one line changed."""
+    """The `tsd` file with one line changed."""
     assert TSD.count(old) == 1, f"{old!r} is not one place of the file"
     return TSD.replace(old, new)
 
@@ -49,7 +49,7 @@ def test_the_robot_of_the_thesis_is_shipped() -> None:
 
 @pytest.mark.parametrize("name", robot_names())
 def test_the_text_of_a_robot_is_all_there_is_to_it(name: str, tmp_path: Path) -> None:
-    """What goes over the bus as text is the same robot at the other end, and from a file."""
+    """The text is sufficient: sent over the bus or read from a file, it is the same robot."""
     path = tmp_path / "copy.toml"
     path.write_text(read_description(name), encoding="utf-8")
     assert (

@@ -118,7 +118,7 @@ def test_every_layout_has_a_model_with_its_pivots(
 ) -> None:
     robot = placed(points)
     check_room(robot)
-    parts = load_parts(robot)  # Each part is a closed solid, or this is an error.
+    parts = load_parts(robot)  # An open solid would raise an error here.
     assert set(parts) == {"chassis", "outer", "inner", "wheel"}
     low = min(float(part.mesh.bounds[0][2]) for part in parts["wheel"])
     assert low == pytest.approx(-robot.drive.wheel_radius_m, abs=1e-3)

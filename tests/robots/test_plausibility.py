@@ -1,4 +1,4 @@
-"""A number in a wrong unit is refused with the one that was meant; robots of all sizes load."""
+"""A number in a wrong unit is rejected with a suggestion; robots of all sizes load."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ EXPONENTS = {
     "time_constant_up_s": 0.5,
     "time_constant_down_s": 0.5,
 }
-"""Power of the size with which a quantity grows when a robot is built larger (Froude's law)."""
+"""Exponent of the scale factor by which a quantity grows (Froude's law)."""
 
 
 def changed(name: str, old: str, new: str) -> str:
@@ -149,7 +149,7 @@ def test_a_number_in_another_unit_is_refused_with_the_one_that_was_meant(
 @pytest.mark.parametrize(
     ("name", "old", "new"),
     [
-        # Mecanum wheels of a measured robot, a little off straight ahead.
+        # Mecanum wheels of a measured robot, almost straight ahead.
         ("mecanum", "direction_deg = 0.0", "direction_deg = 0.35"),
         ("mecanum", "direction_deg = 0.0", "direction_deg = -1.2"),
         ("mecanum", "direction_deg = 0.0", "direction_deg = 0.262"),
@@ -164,7 +164,7 @@ def test_what_can_be_built_is_not_refused(name: str, old: str, new: str) -> None
 
 
 def scaled(text: str, size: float) -> dict[str, Any]:
-    """Return a shipped robot as if it were built `size` times as large."""
+    """Return a built-in robot scaled by `size`."""
 
     def walk(value: Any, key: str = "") -> Any:
         if isinstance(value, dict):
@@ -180,7 +180,7 @@ def scaled(text: str, size: float) -> dict[str, Any]:
 
 
 def widths_m(robot: RobotDescription) -> float:
-    """Return about the width of a robot."""
+    """Return the approximate width of a robot."""
     drive = msgspec.to_builtins(robot)["drive"]
     if "pivot_radius_m" in drive:
         reach_m = drive["pivot_radius_m"]
@@ -207,11 +207,11 @@ def without_none(value: Any) -> Any:
 
 
 def numbers(kind: Any, path: str = "") -> Iterator[str]:
-    """Walk the paths of all numbers in the tables of a description."""
+    """Yield the paths of all numbers in the tables of a description."""
     hints = typing.get_type_hints(kind, include_extras=True)
     for name, hint in ((each.encode_name, hints[each.name]) for each in fields(kind)):
         if name.endswith("_rgba"):
-            continue  # Shares of colours, limited by their type.
+            continue  # Colour components, limited by their type.
         inside = [part for part in flat(hint) if isinstance(part, type)]
         for part in inside:
             if issubclass(part, Table):
@@ -232,7 +232,7 @@ def test_every_number_of_a_description_has_a_range() -> None:
 
 
 def test_the_ranges_are_wide() -> None:
-    """Four times either way around each number of a shipped robot that has a scale."""
+    """Four times up and down from each scale-dependent number of a built-in robot."""
     for name in robot_names():
         for path, value in leaves(msgspec.to_builtins(load_robot(name))):
             if path in RANGES and value > 0.0 and not path.endswith(("_deg", "_share")):

@@ -1,4 +1,4 @@
-"""Variants of shipped robots: their knobs, the checks on them, and the file that describes them."""
+"""Variants of built-in robots: parameters, their checks, and the file that describes them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ calm = settings(deadline=None, max_examples=60)
 
 @st.composite
 def changes(draw: st.DrawFn) -> tuple[str, dict[str, float]]:
-    """A shipped robot, and some of its knobs turned anywhere in their ranges."""
+    """A built-in robot with random values for some of its parameters."""
     base = draw(st.sampled_from(robot_names()))
     knobs = knobs_of(base_robot(base))
     keys = draw(st.lists(st.sampled_from(sorted(knobs)), unique=True, max_size=6))

@@ -1,4 +1,4 @@
-"""What a speed of the wheels gives and costs, against figures worked by hand, and rolling."""
+"""Effects of the wheel speed, against manual calculations and rolling."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ GEARS = ROBOT.wheel_speed_range
     [(2500.0, 5.24), (3000.0, 6.28), (2000.0, 4.19)],
 )
 def test_figures_worked_by_hand(rpm: float, top_mps: float) -> None:
-    """Of r_w = 40 mm and 30 degrees; the rim moves at 2 pi 0.04 rpm / 60 m/s."""
+    """With r_w = 40 mm and 30 degrees; the rim moves at 2 pi 0.04 rpm / 60 m/s."""
     assert GEARS.top_speed_mps(rpm * RPM) == pytest.approx(top_mps, abs=0.005)
 
 

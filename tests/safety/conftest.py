@@ -1,4 +1,4 @@
-"""An authority with time in hand."""
+"""A supervisor with a manually advanced clock."""
 
 import pytest
 

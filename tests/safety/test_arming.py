@@ -1,4 +1,4 @@
-"""From standing wheels to a robot that obeys, and back when nobody is there."""
+"""From standstill to an armed robot, and back without an operator."""
 
 from __future__ import annotations
 

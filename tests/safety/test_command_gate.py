@@ -1,4 +1,4 @@
-"""Which commands count, and what those that do not are counted under."""
+"""Acceptance of commands, and drop reasons of the rest."""
 
 from __future__ import annotations
 
@@ -14,17 +14,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tsd_twin.messages.cdr import TwistStamped, encode_twist
-from tsd_twin.messages.commands import Command, Sample, encode_attachment
+from tsd_twin.messages.commands import Command, encode_attachment
 from tsd_twin.messages.errors import MessageError
+from tsd_twin.messages.topics import Sample
 from tsd_twin.safety import Lease
 from tsd_twin.safety.command_gate import CommandGate
 
 LEASE_ID = b"L" * 16
 REASONS = ("stale", "lease", "order", "nonfinite", "key", "shape")
 FRESH = 7
-"""Number of a status that was sent just now."""
+"""Number of a status sent just now."""
 OLD = 3
-"""Number of a status that was sent a second ago."""
+"""Number of a status sent 1 s ago."""
 NOW_S = 50.0
 
 
@@ -60,7 +61,7 @@ def counts(gate: CommandGate) -> dict[str, int]:
 
 
 def drop(gate: CommandGate, bad: Sample, of: Lease | None, now_s: float = NOW_S) -> str:
-    """Return the reason for which a sample is dropped."""
+    """Return the drop reason of a sample."""
     before, accepted = counts(gate), gate.accepted
     outcome = gate.validate(bad, of, now_s)
     assert isinstance(outcome, MessageError)
@@ -145,7 +146,7 @@ def test_the_age_is_counted_from_when_the_echoed_status_was_sent(max_age_s: floa
 
 
 def test_a_burst_of_stale_commands_has_no_effect() -> None:
-    """The worst seen: a link stalls for 7.3 s and then delivers 347 commands at once, in order."""
+    """Worst observed: a link stalls for 7.3 s, then delivers 347 commands at once, in order."""
     gate, numbers = CommandGate(), itertools.count(1)
     sent = []
     for i in range(365):
@@ -154,12 +155,12 @@ def test_a_burst_of_stale_commands_has_no_effect() -> None:
     now_s = NOW_S + 0.02 * 365
     outcomes = [gate.validate(late, lease(max_age_s=0.25), now_s) for late in sent]
     counted = [o.seq for o in outcomes if isinstance(o, Command)]
-    assert counted == list(range(353, 365))  # Those of the last quarter of a second.
+    assert counted == list(range(353, 365))  # Commands of the last quarter of a second.
     assert counts(gate) == {"stale": 353}
 
 
 def test_a_command_sent_before_a_stop_was_seen_does_not_count_after_it() -> None:
-    """It is young enough, but its sender may have released the stick since, under any lease."""
+    """It is recent enough, but its sender may have released the stick since, under any lease."""
     gate, patient = new_gate(), lease(max_age_s=1.0)
     assert isinstance(gate.validate(sample(0), patient, NOW_S), Command)
     gate.reject_sent_before(NOW_S + 0.2)

@@ -1,4 +1,4 @@
-"""Control that is asked for: a request changes nothing, a grant stops the robot and names one."""
+"""Handover: requests have no effect; a grant stops the robot and reserves the lease."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def answer(stage: SupervisorHarness, op: str, asker: str | None = "bob") -> Leas
 
 
 def hold_on(stage: SupervisorHarness, seconds: float) -> None:
-    """Let time pass for somebody who keeps the lease and does not drive."""
+    """Advance time while Alice renews the lease without driving."""
     for _ in range(round(seconds / 0.5)):
         stage.wait(0.5)
         stage.ask("renew", lease=stage.lease)
@@ -30,7 +30,7 @@ def hold_on(stage: SupervisorHarness, seconds: float) -> None:
 
 @pytest.fixture
 def asked(stage: SupervisorHarness) -> SupervisorHarness:
-    """Alice drives, bob has asked for control."""
+    """Alice is driving; Bob has requested control."""
     stage.bring_to(Mode.DRIVING)
     stage.supervisor.take_events()
     assert stage.ask("request", "bob").done

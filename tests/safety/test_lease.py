@@ -1,4 +1,4 @@
-"""The right to drive: one holder, on the robot's clock, and a speed that fits the age allowed."""
+"""Leases: one holder, on the robot's clock, with a speed that fits the command age."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ acts: st.SearchStrategy[Any] = st.tuples(
 def test_never_more_than_one_lease_is_in_force(
     script: list[tuple[Any, str, bool, float]],
 ) -> None:
-    """Against a model of three lines: who was granted last, with what, and when it was renewed."""
+    """Against a minimal model: the latest holder, its lease, and the last renewal."""
     desk, now_s = new_desk(), 0.0
     last: tuple[str, str, float] | None = None
     held = dict.fromkeys(["alice", "bob", "carol"], "00" * 16)
@@ -156,7 +156,7 @@ def test_never_more_than_one_lease_is_in_force(
         assert (current and (current.holder, current.id.hex())) == (last and last[:2])
 
 
-# The age that a lease is granted with, and the speed that goes with it.
+# Granted command age, and the corresponding speed.
 
 
 @pytest.mark.parametrize(
@@ -194,7 +194,7 @@ def test_at_the_cap_lateness_and_braking_use_up_the_allowance(
 ) -> None:
     speed = max_speed_for_distance(deceleration, late_s, allowed_m)
     steps, braking_s = 20_000, speed / deceleration
-    # Drive on for the time of lateness, then brake: summed up, not solved.
+    # Drive on for the delay, then brake: summed up numerically.
     braking = sum(speed * (1 - (i + 0.5) / steps) for i in range(steps)) * braking_s / steps
     assert speed > 0.0
     assert speed * late_s + braking == pytest.approx(allowed_m, rel=1e-6)

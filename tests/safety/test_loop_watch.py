@@ -1,4 +1,4 @@
-"""Pauses of the control loop are reported, and blamed only for a silence that they explain."""
+"""Pauses of the control loop are reported, and blamed only for silences they explain."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ periods_ms = st.lists(period_ms, min_size=1, max_size=20)
 def test_a_pause_explains_a_silence_that_would_be_allowed_without_it(
     periods_ms: list[int], quiet: int
 ) -> None:
-    """The silence begins at one of the periods; its length without pauses is counted apart."""
+    """The silence begins at any period; its length without pauses is counted separately."""
     watch, now_ms = LoopWatch(), 0
     watch.step(0.0)
     begin = min(quiet, len(periods_ms) - 1)

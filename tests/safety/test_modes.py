@@ -1,4 +1,4 @@
-"""The modes: each way that the table names can be gone, in its conditions and in no others."""
+"""Mode transitions occur exactly under the conditions in the table."""
 
 from __future__ import annotations
 

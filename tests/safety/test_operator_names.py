@@ -1,4 +1,4 @@
-"""Display names that a robot learns from requests and repeats for all clients."""
+"""Display names from requests, which a robot repeats to all clients."""
 
 from __future__ import annotations
 

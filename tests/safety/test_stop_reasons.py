@@ -1,4 +1,4 @@
-"""Why a robot stopped: the reason names the limit that fired, with its figures."""
+"""Stop reasons name the limit that fired, with its values."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Sent:
 
 
 class Timed:
-    """A robot that drives, and an operator whose commands arrive when and as old as is chosen."""
+    """A driving robot, and an operator whose commands have chosen times and ages."""
 
     def __init__(self, max_age_s: float) -> None:
         self.stage = SupervisorHarness()
@@ -35,7 +35,7 @@ class Timed:
         self.newest = Sent(self.stage.now_s - 0.02, self.stage.now_s - 0.02)
 
     def send(self, echo_age_steps: int, vx_mps: float) -> None:
-        """Send a command that echoes a status of 50 ms steps ago, and note what it echoes."""
+        """Send a command that echoes a status of 50 ms steps ago, and record the echo."""
         stage = self.stage
         number, newest = max(1, stage.status_seq - echo_age_steps), stage.status_seq
         stage.status_seq = number
@@ -80,7 +80,7 @@ def test_the_cause_named_is_the_limit_that_fired_and_its_figures_are_those_measu
 
 
 def test_a_stop_by_the_age_of_the_echo_is_no_silence() -> None:
-    """A command that was nearly too old on arrival keeps the robot going for a moment only."""
+    """A command nearly too old on arrival keeps the robot moving only briefly."""
     timed = Timed(0.21)
     timed.send(1, 1.0)
     timed.stage.wait(0.19)

@@ -1,4 +1,4 @@
-"""Who is obeyed, and what a stop, a fault and a reset do."""
+"""Acceptance of commands, and effects of stop, fault and reset."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ def test_a_fault_says_what_broke_and_outlives_its_cause(stage: SupervisorHarness
     assert stage.supervisor.why == because(Code.HARDWARE, text="it broke")
 
 
-# What is told about it.
+# Events.
 
 
 def test_drops_are_told_five_times_a_second_at_most(stage: SupervisorHarness) -> None:

@@ -1,4 +1,4 @@
-"""The rules, asked as Zenoh asks them: is this key, as a whole, within one that is allowed?"""
+"""The access rules with Zenoh's semantics: a key must be entirely within an allowed one."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ COMMANDS = [topics.twist_key("tsd", name) for name in (*NAMES, "alice-0123abcd",
 OTHERS = ["twin/tsd/other", "twin/tsd/cmd/alice", "other/tsd/state/odom", "@/1f2e/router", "**"]
 INSIDE = topics.SENSOR_POSE.key("tsd")
 LOG = topics.INPUTS.key("tsd")
-"""Has lease ids in it."""
+"""Contains lease ids."""
 ON_RECORD = [*COMMANDS, INSIDE, LOG, Service.STOP.key("tsd")]
 ALIVE = topics.alive_key("tsd")
 FRONT, CEILING = CameraName("front", "tsd"), CameraName("ceiling")
@@ -55,7 +55,7 @@ SEEN = [*PICTURES, *FLOOR]
 
 
 def may(name: str, flow: str, message: str, key: str, rules: dict[str, Any] = RULES) -> bool:
-    """Return whether a message passes: a second reading of what the rules say, by Zenoh's keys."""
+    """Return whether a message passes, by an independent reading of the rules."""
     mine = {s["id"] for s in rules["subjects"] if name in s["cert_common_names"]}
     ids = {i for p in rules["policies"] if mine & {*p["subjects"]} for i in p["rules"]}
     return any(

@@ -1,4 +1,4 @@
-"""Certificates, judged by OpenSSL in a handshake without a network."""
+"""Certificates, checked by OpenSSL in a handshake without a network."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import pytest
 
 from tsd_twin.errors import TwinError
 from tsd_twin.security import Role, certificates, client
+from tsd_twin.security.access_rules import ROBOT, BusIdentity
 from tsd_twin.security.certificates import CertificateAuthority
 
 NOW = datetime.now(UTC)
@@ -17,7 +18,7 @@ HOSTS = ("robot.local", "192.168.1.7", "fe80::1")
 
 
 class Party:
-    """An authority, with a robot and an operator."""
+    """An authority with a robot and an operator."""
 
     def __init__(self, path: Path, start: datetime = NOW) -> None:
         self.path = path
@@ -27,7 +28,7 @@ class Party:
             key = certificates.new_key()
             certificates.write_key(path / f"{name}.key", key)
             certificate = (
-                self.authority.issue_robot(key, HOSTS, start, 10)
+                self.authority.issue_server(key, BusIdentity(ROBOT, Role.ROBOT), HOSTS, start, 10)
                 if name == "robot"
                 else self.authority.issue_client(key, client(name, Role.OPERATOR), start, 10)
             )
@@ -109,7 +110,7 @@ def test_nobody_poses_as_the_robot_nor_the_robot_as_somebody(ours: Party) -> Non
 
 
 def test_what_has_run_out_is_refused_and_what_begins_a_little_later_is_not(tmp_path: Path) -> None:
-    """A robot whose clock is half a day behind still takes a certificate of today."""
+    """A robot whose clock is half a day behind still accepts a certificate issued today."""
     (tmp_path / "late").mkdir()
     late = Party(tmp_path / "late", NOW + timedelta(hours=12))
     assert shake_hands(late, late) == "alice"

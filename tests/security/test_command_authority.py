@@ -1,4 +1,4 @@
-"""Laws of signed commands, in virtual time: a hostile router moves nothing on its own account."""
+"""Signed commands in virtual time: a hostile router cannot move a robot."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from tsd_twin.client.protocol import ControlProtocol
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import BASE
 from tsd_twin.messages.codes import Code, Reason
-from tsd_twin.messages.commands import Sample, decode_command
+from tsd_twin.messages.commands import decode_command
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.services import HolderRequest, LeaseReply, LeaseRequest, decode_json
 from tsd_twin.messages.signatures import split_signature
-from tsd_twin.messages.topics import Service
+from tsd_twin.messages.topics import Sample, Service
 from tsd_twin.safety.lease import LeaseManager
 from tsd_twin.security.command_authority import REQUEST_AGE_S, CommandAuthority
 from tsd_twin.security.operator_list import ListedOperator, OperatorList, is_same_operator
@@ -34,7 +34,7 @@ REVOKED = OperatorList(2, LISTED.operators, frozenset({public_bytes(ALICE).hex()
 
 @dataclass
 class Robot:
-    """Signature check and leases of a robot; collects the commands that pass."""
+    """Signature check and leases of a robot; collects the accepted commands."""
 
     id: str
     ids: random.Random
@@ -192,7 +192,7 @@ def test_a_message_for_another_robot_service_or_lease_does_not_count(robot: Robo
     alice, there = Operator(robot), Operator(other)
     assert alice.acquire() is None
     assert there.acquire() is None
-    assert alice.protocol.lease_hex == there.protocol.lease_hex  # The router may see to that.
+    assert alice.protocol.lease_hex == there.protocol.lease_hex  # The router may arrange that.
     command = alice.command(0.3)
     moved = Sample(topics.twist_key("lab2", "alice"), command.payload, command.attachment)
     assert code_of(other.command(moved)) == Code.SIGNATURE_WRONG
@@ -210,7 +210,7 @@ def test_a_revoked_key_moves_the_robot_no_further(robot: Robot) -> None:
     robot.authority.set_operators(REVOKED)
     assert code_of(robot.command(alice.command(0.3))) == Code.KEY_REFUSED
     assert code_of(robot.ask(Service.ARM, alice.request(Service.ARM))) == Code.KEY_REFUSED
-    assert robot.ask(Service.DISARM, alice.request(Service.DISARM)) is None  # It only stops.
+    assert robot.ask(Service.DISARM, alice.request(Service.DISARM)) is None  # It can only stop.
     assert code_of(alice.acquire()) == Code.KEY_REFUSED
 
 
@@ -234,7 +234,7 @@ def test_a_name_that_goes_on_is_another_operator(name: str, more: str) -> None:
 
 
 def _attack(message: bytes, dice: random.Random) -> bytes:
-    """Change, cut, extend or keep a message."""
+    """Change, truncate, extend or keep a message."""
     match dice.randrange(4):
         case 0 if message:
             at = dice.randrange(len(message))
@@ -248,7 +248,7 @@ def _attack(message: bytes, dice: random.Random) -> bytes:
 
 
 def _forge(robot: Robot, person: Operator, dice: random.Random) -> None:
-    """Send a command with the right lease, signed with the key of a stranger."""
+    """Send a command with the right lease, signed by a stranger's key."""
     forger = Operator(robot, key=EVE)
     assert forger.acquire() is not None
     lease = person.protocol.lease_hex
@@ -257,7 +257,7 @@ def _forge(robot: Robot, person: Operator, dice: random.Random) -> None:
 
 
 def _replay_command(robot: Robot, sent: list[Sample], dice: random.Random) -> None:
-    """Send a command of anybody to a robot: later, changed, or with another name."""
+    """Replay any operator's command to a robot: later, changed, or under another name."""
     if sent:
         took, name = dice.choice(sent), dice.choice(("alice", "alice-b", "eve"))
         key = topics.twist_key(robot.id, name)
@@ -265,7 +265,7 @@ def _replay_command(robot: Robot, sent: list[Sample], dice: random.Random) -> No
 
 
 def _operate(robot: Robot, person: Operator, dice: random.Random) -> None:
-    """Do something that the operator may do."""
+    """Perform an action that the operator may do."""
     match dice.randrange(3):
         case 0:
             person.acquire()

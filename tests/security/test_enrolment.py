@@ -1,4 +1,4 @@
-"""Enrolment codes: used twice, late, guessed, for another authority or robot."""
+"""Enrolment codes: reused, late, guessed, for another authority or robot."""
 
 from __future__ import annotations
 
@@ -46,11 +46,11 @@ CODE = EnrolmentCode.new(AUTHORITY.certificate)
 SEALING = {"lab1": CODE.key(AUTHORITY.certificate), "lab2": secrets.token_bytes(32)}
 CSRS = [signing_request(new_key()) for _ in range(3)]
 FREE = 5
-"""Tries of an address before it waits."""
+"""Attempts of an address before it must wait."""
 
 
 class Gateway:
-    """Enrolment of two robots, which records what it signs."""
+    """Enrolment of two robots, which records the certificates it signs."""
 
     def __init__(self) -> None:
         self.issued: list[tuple[str, PublicKey]] = []
@@ -125,7 +125,7 @@ TRIES = st.builds(
 
 
 def expected(each: Try, now_s: float, used: dict[str, int], done: set[str]) -> Refusal | None:
-    """Return why a try is refused if nobody has to wait, None if it is answered."""
+    """Return the refusal of an attempt without waiting times, or None if it is answered."""
     if each.code is None:
         return Refusal.WRONG
     if now_s >= VALID_S:
@@ -178,7 +178,7 @@ def test_guessing_ten_thousand_times_gives_nothing(addresses: int) -> None:
         checked += gateway.ask(guess, now_s, f"x{number % addresses}") is not Refusal.WAIT
     assert gateway.issued == []
     assert checked <= (FREE + 7 if addresses == 1 else 60 + VALID_S / 5.0)
-    if addresses == 1:  # Whoever has the code is elsewhere, and does not wait.
+    if addresses == 1:  # The holder of the code has another address, and does not wait.
         right = seal(SEALING["lab1"], JoinRequest(CSRS[1]))
         assert gateway.ask(right, VALID_S - 1.0, "robot") is not Refusal.WAIT
         assert [robot for robot, _ in gateway.issued] == ["lab1"]
@@ -247,7 +247,7 @@ def test_a_code_is_not_spent_when_the_authority_fails() -> None:
 
 
 def greedy_request(key: ec.EllipticCurvePrivateKey) -> str:
-    """Return a request for the rights of another."""
+    """Return a request for the rights of another robot."""
     units = [(NameOID.ORGANIZATIONAL_UNIT_NAME, "operator"), (NameOID.COMMON_NAME, "alice")]
     name = x509.Name([x509.NameAttribute(*unit) for unit in units])
     usages = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.ANY_EXTENDED_KEY_USAGE]

@@ -1,4 +1,4 @@
-"""Headers of any bytes are accepted or refused by `tsd-foxglove` before the socket opens."""
+"""`tsd-foxglove` accepts or refuses headers of any bytes before the socket opens."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STATUS = {b"Host": 403, b"Origin": 403, b"Authorization": 401, b"Sec-WebSocket-P
 
 
 async def answers(requests: list[dict[bytes, bytes]]) -> list[int]:
-    """Return the status of each request, with good headers but for those given."""
+    """Return the status of each request, with valid headers except for those given."""
     front = Front(Access(SECRET), None, 1, ssl.create_default_context())
     await front.start(LOOPBACK, 0)
     good = {

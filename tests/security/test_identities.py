@@ -1,4 +1,4 @@
-"""Names: who could be taken for somebody else is refused."""
+"""Names that could be confused with others are refused."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tsd_twin.messages import topics
 from tsd_twin.security import LONGEST, BusIdentity, Role, client
 from tsd_twin.security.access_rules import drive_rule, merged
 
-# Few letters, so that names often begin alike.
+# Few letters, so that names often share a prefix.
 names = st.text("ab-", min_size=1, max_size=5)
 roles = st.sampled_from([Role.OPERATOR, Role.VIEWER, Role.SENSOR, Role.RECORDER])
 identities = st.lists(st.builds(client, names, roles), max_size=6)

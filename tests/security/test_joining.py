@@ -1,4 +1,4 @@
-"""A robot joins over HTTPS: only with a gateway that has code and authority, and completely."""
+"""A robot joins over HTTPS only a gateway with code and authority, and never partially."""
 
 from __future__ import annotations
 
@@ -26,9 +26,7 @@ from tsd_twin.security import authority_server, joining
 from tsd_twin.security.authority_server import AuthorityServer, Request, boot_time_s
 from tsd_twin.security.certificates import (
     CertificateAuthority,
-    KeyFolder,
     PublicKey,
-    certificate_identity,
     certificate_pem,
     new_key,
     read_certificate,
@@ -49,6 +47,7 @@ from tsd_twin.security.enrolment import (
     unseal,
 )
 from tsd_twin.security.joining import join
+from tsd_twin.security.key_folder import KeyFolder, certificate_identity
 from tsd_twin.security.operator_keys import provision_operators
 from tsd_twin.security.operator_list import OperatorFile
 from tsd_twin.security.router_keys import enrol_robot, read_rights, robot_identity
@@ -89,7 +88,7 @@ class Desk:
 
     @contextmanager
     def serving(self, enrolments: Enrolments | None = None) -> Generator[str]:
-        """Serve these keys, possibly with the answers of another."""
+        """Serve these keys, possibly with the replies of another gateway."""
         served = enrolments or self.enrolments
 
         def answer(request: Request) -> bytes:
@@ -100,7 +99,7 @@ class Desk:
 
 
 class Answering:
-    """Stands in for `Enrolments` in a gateway that answers as it likes."""
+    """Replaces `Enrolments` in a gateway with chosen replies."""
 
     def __init__(self, answer: Callable[[bytes], bytes]) -> None:
         self._answer = answer
@@ -147,7 +146,7 @@ def test_a_robot_gets_all_files_with_the_modes_of_tsd_certs(desk: Desk, tmp_path
     assert certificate.public_key() == read_key(path / "lab1.key").public_key()
     assert certificate_identity(path / "lab1.pem") == robot_identity("lab1")
     OperatorFile(path / "operators.json")
-    # The private key has not left the robot, and the one that reserved the name is gone.
+    # The private key has not left the robot, and the one from the reservation is gone.
     new = content(desk.folder.path)
     assert {name for name in old if new.get(name) != old[name]} == {"lab1.pem", "lab1.key"}
     assert set(old) - set(new) == {"lab1.key"}
@@ -206,7 +205,7 @@ def test_a_gateway_of_another_authority_learns_nothing(
 
 
 def forgeries(theirs: Desk) -> list[Callable[[bytes], bytes]]:
-    """Return answers of a gateway that has no code."""
+    """Return replies of a gateway without the code."""
 
     def stolen(message: bytes) -> bytes:  # It generated another code and robot.
         key = new_key().public_key()
@@ -227,7 +226,7 @@ def forgeries(theirs: Desk) -> list[Callable[[bytes], bytes]]:
 def test_a_forged_authority_with_the_same_fingerprint_is_refused(
     desk: Desk, theirs: Desk, tmp_path: Path, number: int
 ) -> None:
-    """Whoever tries 2^30 authorities finds one with the fingerprint in the code."""
+    """An attacker can find an authority with the fingerprint in the code by trying 2^30."""
     code = EnrolmentCode(desk.code.secret, fingerprint(theirs.authority.certificate))
     forged = answering(forgeries(theirs)[number])
     with theirs.serving(forged) as url, pytest.raises(TwinError, match="does not know this code"):

@@ -1,4 +1,4 @@
-"""What is in the folder decides: what is removed, damaged, or copied elsewhere."""
+"""The folder is authoritative: removed, damaged, and copied files."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.support.provisioning import (
 from tsd_twin.bus import client_config, from_file
 from tsd_twin.errors import BusError, TwinError
 from tsd_twin.security import certificates
-from tsd_twin.security.certificates import KeyFolder, certificate_identity
+from tsd_twin.security.key_folder import KeyFolder, certificate_identity
 
 
 def test_keys_are_for_their_owner_alone(keys: Path) -> None:

@@ -1,4 +1,4 @@
-"""Guessing is slow, whoever guesses and however; who guesses right is not kept waiting."""
+"""Guessing is slow for any client, and correct logins are not delayed."""
 
 from __future__ import annotations
 

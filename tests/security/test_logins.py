@@ -1,4 +1,4 @@
-"""A login ends in time, on the clock that is handed in, and cannot be made up."""
+"""A login expires on the given clock, and cannot be forged."""
 
 from __future__ import annotations
 

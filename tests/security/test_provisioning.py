@@ -1,4 +1,4 @@
-"""The folder: made by one order, added to by the next, never taken from."""
+"""The key folder is created by a command and extended by the next, never reduced."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tsd_twin.bus import Config, client_config, from_file, node_config
 from tsd_twin.errors import TwinError
 from tsd_twin.security import Role
 from tsd_twin.security.access_rules import LARGEST_BYTES
-from tsd_twin.security.certificates import KeyFolder
+from tsd_twin.security.key_folder import KeyFolder
 
 
 def test_one_order_makes_all_that_robot_and_people_need(keys: Path) -> None:

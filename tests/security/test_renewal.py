@@ -1,4 +1,4 @@
-"""Certificates are renewed for those in the folder, with the same key, and for nobody else."""
+"""Certificates are renewed only for clients in the folder, with the same key."""
 
 from __future__ import annotations
 
@@ -23,7 +23,6 @@ from tsd_twin.security.authority_client import AuthorityClient, ClientFiles
 from tsd_twin.security.authority_server import Answer, AuthorityServer
 from tsd_twin.security.certificates import (
     CertificateAuthority,
-    KeyFolder,
     certificate_pem,
     hosts_of,
     identity_of,
@@ -32,6 +31,7 @@ from tsd_twin.security.certificates import (
     read_key,
 )
 from tsd_twin.security.enrolment import EnrolmentError, Refusal
+from tsd_twin.security.key_folder import KeyFolder
 from tsd_twin.security.operator_keys import provision_operators
 from tsd_twin.security.operator_list import OPERATORS, OperatorFile
 from tsd_twin.security.renewal import (
@@ -56,7 +56,7 @@ _USAGE = x509.ExtendedKeyUsage
 
 @pytest.fixture(scope="module")
 def made_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of a router whose certificates end in five of thirty days."""
+    """Router folder whose certificates expire in 5 of 30 days."""
     folder = make_router_keys(tmp_path_factory.mktemp("keys") / "fleet")
     authority = folder.authority(NOW)
     for each in [*folder.robots(), *folder.identities()]:
@@ -77,7 +77,7 @@ def folder(made_once: Path, tmp_path: Path) -> KeyFolder:
 
 @contextmanager
 def serving(folder: KeyFolder, now: datetime = NOW, **answers: Answer) -> Generator[str]:
-    """Serve renewals of a folder, as of a time."""
+    """Serve renewals of a folder at a given time."""
     renewals = Renewals(folder, folder.authority(NOW), DAYS, lambda: now)
     changed = {("POST", f"/{name}"): answer for name, answer in answers.items()}
     with AuthorityServer(folder, 0, renewals.answers | changed) as server:
@@ -85,7 +85,7 @@ def serving(folder: KeyFolder, now: datetime = NOW, **answers: Answer) -> Genera
 
 
 def own_copy(folder: KeyFolder, name: str, path: Path) -> Path:
-    """Copy the files of a client to its own folder, as on its machine."""
+    """Copy the files of a client to a separate folder, as on its machine."""
     path.mkdir(parents=True)
     for file in folder.files_of(name):
         shutil.copy(file, path / file.name)
@@ -134,7 +134,7 @@ def test_a_certificate_that_is_not_due_is_kept(folder: KeyFolder, tmp_path: Path
     early = ISSUED + timedelta(days=10)
     with serving(folder, early) as url:
         renewal_of(url, path, "lab1").update(early)
-        renewal_of(url, path, "lab1").update(NOW)  # Its clock is wrong: it gets the same.
+        renewal_of(url, path, "lab1").update(NOW)  # A wrong clock makes no difference.
     assert (content(path), content(folder.path)) == before
 
 
@@ -191,7 +191,7 @@ def test_an_expired_or_foreign_certificate_gets_nothing(
 
 
 def forged(folder: KeyFolder) -> list[bytes]:
-    """Return replies of a process that has the key of a router but not that of the authority."""
+    """Return replies of a process with the router's key but not the authority's."""
     ours, theirs = folder.authority(NOW), CertificateAuthority.new(new_key(), NOW)
     key = read_key(folder.key_file("lab1"))
 
@@ -287,7 +287,7 @@ def test_the_list_of_operators_reaches_robots_and_never_goes_back(
         assert used.poll() is None
         (path / OPERATORS).write_bytes(b"damaged")
         (folder.path / OPERATORS).write_bytes(old)
-        renewal.update(NOW)  # A robot that starts needs a list that it can read.
+        renewal.update(NOW)  # A robot needs a readable list at startup.
         assert (path / OPERATORS).read_bytes() == old
 
 

@@ -1,4 +1,4 @@
-"""Rules of a router against those of a robot that listens, for any rights."""
+"""Router rules against the rules of a listening robot, for any rights."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ SOME = st.frozensets(st.sampled_from([*ROBOTS, ALL]))
 
 
 def alone(role: Role) -> set[tuple[str, str, str]]:
-    """Return what a certificate may do with a robot that listens itself."""
+    """Return the permissions of a certificate on a robot that listens itself."""
     return passing(access_control([client(NAME, role)]), NAME)
 
 
 def passing(rules: dict[str, object], name: str, robot: str = "tsd") -> set[tuple[str, str, str]]:
-    """Return flow, message and key, below `tsd`, of all that passes for a robot."""
+    """Return flow, message and key of all permitted messages for a robot, as keys below `tsd`."""
     return {
         (flow, message, key)
         for flow, message, key in itertools.product(("ingress", "egress"), MESSAGES, KEYS)
@@ -99,7 +99,7 @@ def test_a_robot_may_do_what_its_clients_expect_below_its_own_id_only(robot: str
     assert flipped <= found
     own = {key for key in KEYS if key.endswith("/alive")}
     extra = {case for case in found - flipped if case[2] not in own}
-    # It passes commands of every operator, whom the router has checked.
+    # It passes commands of every operator, because the router has checked them.
     assert {case[1] for case in extra} <= {"put"}
     assert all("/cmd/" in case[2] and case[0] == "egress" for case in extra)
     for other in set(ROBOTS) - {robot}:

@@ -1,4 +1,4 @@
-"""The file of users: hashes only, for its owner alone, and errors that say what to do."""
+"""The user file contains only hashes, is private to its owner, and has helpful errors."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_only_the_password_of_a_name_lets_in(
 def test_a_name_that_is_not_there_costs_the_same_work(
     written: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Both verify one hash, with the same parameters; nothing returns before that."""
+    """Both verify one hash with the same parameters, without an earlier return."""
     from tsd_twin.security import users as module
 
     verified: list[str] = []

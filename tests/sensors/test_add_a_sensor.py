@@ -34,7 +34,7 @@ HOLD_S, START_S, DRIVE_S = 2.5, 5.0, 30.0
 
 @pytest.fixture(autouse=True)
 def range_finder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Put the file of the page into the package of sensors."""
+    """Install the page's file in the sensors package."""
     (tmp_path / "range_finder.py").write_text(FILE, encoding="utf-8")
     monkeypatch.setattr(sensors, "__path__", [*sensors.__path__, str(tmp_path)])
     yield
@@ -144,7 +144,7 @@ def test_the_reading_is_sent_with_its_name() -> None:
 
 @pytest.mark.parametrize("name", ["tsd", "kiwi"])
 def test_two_range_finders_shrink_the_covariance_of_the_pose_and_stay_consistent(name: str) -> None:
-    """On seeds that nothing was tuned on."""
+    """With seeds not used for tuning."""
     seeds = range(300, 304)
     front = TABLE + "scale_share = 0.0005\noffset_m = 0.001\n"
     left = front.replace("front", "left").replace("wall_deg = 0.0", "wall_deg = 90.0")
@@ -212,7 +212,7 @@ def test_setting_the_pose_discards_earlier_readings() -> None:
 
 @pytest.mark.parametrize("name", ["omni4", "tsd"])
 def test_a_sensor_that_sees_nothing_changes_no_estimate(name: str) -> None:
-    """Also where dead wheels and a gyro, whose readings come first, have an odometry."""
+    """Also with dead wheels and a gyro, whose readings come first."""
     blind = TABLE.replace("wall_m = 2.0", "wall_m = 90.0")
     gyro = [] if name == "omni4" else ["[gyro]"]
     alone, beside = (

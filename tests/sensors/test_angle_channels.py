@@ -1,4 +1,4 @@
-"""Sensors that measure angles: whole turns between reading and estimate do not count."""
+"""Angle sensors: whole turns between reading and estimate are ignored."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class CompassModel:
 
 
 class CompassSensor:
-    """All that the twin knows about the compass."""
+    """Sensor definition of the compass."""
 
     def channels(self, table: Compass) -> tuple[Joint, ...]:
         return (Joint(table.name, JointKind.POSITION, table.unit),)

@@ -1,4 +1,4 @@
-"""The simulated board: as if it were not there, until set-points cease."""
+"""The simulated board is transparent until setpoints cease."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SPIN_UP_S = 5.0
 
 
 def feed(robot: BoardModel | SimRobot, setpoint: Array, start_s: float, end_s: float) -> float:
-    """Write a set-point each period, and return when that was done last."""
+    """Write a setpoint each period, and return the time of the last one."""
     for i in range(round((end_s - start_s) / PERIOD_S) + 1):
         robot.read(start_s + i * PERIOD_S)
         robot.write(setpoint, start_s + i * PERIOD_S)
@@ -30,7 +30,7 @@ def feed(robot: BoardModel | SimRobot, setpoint: Array, start_s: float, end_s: f
 
 
 def driving(robot: BoardModel | SimRobot) -> float:
-    """Arm, spin up, drive at 1 m/s, and return when the last set-point was written."""
+    """Arm, spin up, drive at 1 m/s, and return the time of the last setpoint."""
     feed(robot, IDLE, 0.0, 2.5)
     feed(robot, CRUISE, 2.5, SPIN_UP_S)
     return feed(robot, AHEAD, SPIN_UP_S, SPIN_UP_S + 1.0)
@@ -64,7 +64,7 @@ def test_as_long_as_set_points_come_it_is_not_there(gaps_s: list[float]) -> None
 def test_it_stops_a_robot_whose_set_points_cease_whenever_it_is_looked_at(
     looks_s: list[float],
 ) -> None:
-    """1 m/s for as long as the time-out, and then as far as gimbals take to get upright."""
+    """1 m/s until the timeout, then the distance while gimbals return upright."""
     robot = board()
     last_s = driving(robot)
     before = robot.truth(last_s).pose
@@ -73,7 +73,7 @@ def test_it_stops_a_robot_whose_set_points_cease_whenever_it_is_looked_at(
         assert (measured is None) == (look_s > TIMEOUT_S)
     after = robot.truth(last_s + 6.0).pose
     way_m = (before.inverse() @ after).xy_heading[0]
-    # Gimbals approach upright at 32 a second: 1/32 m more at 1 m/s, less what the motors lose.
+    # Gimbals approach upright at 32 /s: 1/32 m more at 1 m/s, less the slowing of the motors.
     assert (
         1.0 * TIMEOUT_S < way_m < 1.0 * (TIMEOUT_S + 1.0 / ROBOT.servo.approach_rate_per_s) + 0.01
     )

@@ -1,4 +1,4 @@
-"""Robots not built as described: mounting angles, places of wheels, slopes, scales of gyros."""
+"""Robots not built as described: mounting angles, wheel positions, slopes, gyro scales."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_slopes_of_a_layout_are_the_derivatives_of_least_squares(name: str) -> N
 @pytest.mark.parametrize("name", ["tsd", "kiwi", "mecanum"])
 @pytest.mark.parametrize("key", ["mount_deg", "place_m"])
 def test_robots_are_spread_as_their_description_says(name: str, key: str) -> None:
-    """The twists of many simulated robots against the covariance of one estimate."""
+    """The twists of many simulated robots against the estimate's covariance."""
     robot = built(name, **{key: 0.5 if key == "mount_deg" else 0.002})
     kinematics = robot.kinematics()
     simulation = simulate(robot, (ROBOTS,), seed=3, errors=1.0)
@@ -96,7 +96,7 @@ def test_robots_as_described_move_as_before() -> None:
 
 
 def test_wheels_with_rollers_creep_down_a_slope_as_far_as_their_grip_lets_them() -> None:
-    """The weight along the floor over the friction per creep, besides what the motors yield."""
+    """Downhill force over friction per creep, plus the yielding of the motors."""
     robot = built("kiwi", slope_deg=1.0)
     simulation = simulate(robot, (20,), seed=3, errors=1.0)
     simulation.advance(2.0)
@@ -110,7 +110,7 @@ def test_wheels_with_rollers_creep_down_a_slope_as_far_as_their_grip_lets_them()
 
 
 def test_a_robot_on_spinning_wheels_slides_down_a_slope() -> None:
-    """Against the lag on its floor, and what its gimbals yield."""
+    """Compares with the lag on its floor plus the compliance of its gimbals."""
     robot = built("tsd", slope_deg=1.0)
     simulation = simulate(robot, seed=3, errors=1.0, plant="mujoco")
     joints = robot.kinematics().inverse(np.zeros(3))

@@ -1,4 +1,4 @@
-"""What a simulated yaw gyro says: the truth, but for an offset and noise from the seed."""
+"""A simulated yaw gyro measures the truth plus bias and noise from the seed."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_it_measures_the_true_turn_rate_whatever_moves_the_robot(plant: str, err
 
 
 def test_its_offset_stays_for_the_run_and_its_noise_is_white() -> None:
-    """400 robots that stand, 400 readings of each: spread by the description within 15 %."""
+    """400 robots at rest with 400 readings each: sigmas within 15 % of the description."""
     simulation = simulate(ROBOT, (400,), seed=5, noise=1.0)
     readings = np.array([simulation.measure()[..., -1] for _ in range(400)])
     assert readings.mean(axis=0).std() == pytest.approx(GYRO.bias_rad_per_s, rel=0.15)

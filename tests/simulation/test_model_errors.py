@@ -1,4 +1,4 @@
-"""What is wrong with a built robot: each error alone, against what it must do, on both plants."""
+"""Each modelled build error alone, against its expected effect, on both plants."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ STEP = 2.0 * np.pi / 4096
 
 
 def only(**sizes: float) -> SingularityDescription:
-    """The robot of the thesis with these errors and no other."""
+    """The robot of the thesis with only these errors."""
     none = ROBOT.with_errors(0.0).errors
     return msgspec.structs.replace(ROBOT, errors=msgspec.structs.replace(none, **sizes))
 
@@ -38,7 +38,7 @@ def spun_up(
 
 
 def settled(simulation: Simulation, angle: float) -> Array:
-    """Gimbals (..., 6) half a second after they were all told `angle`."""
+    """Gimbals (..., 6) 0.5 s after commanding all of them to `angle`."""
     setpoint = CRUISE.copy()
     setpoint[ANGLES] = angle
     simulation.command(setpoint)
@@ -51,11 +51,11 @@ def test_a_gimbal_that_is_not_zeroed_stands_beside_what_it_tells(plant: str) -> 
     zero_deg = 0.3
     simulation = spun_up(only(zero_deg=zero_deg), plant)
     stands, tells = simulation.joints[ANGLES], simulation.measure()[ANGLES]
-    # Wheels that pull against one another load the servos, which give way: at most by friction on
-    # the wheel's radius, 8 N on 40 mm, over a gain of 29 N m a radian.
+    # Wheels that pull against each other load the servos, which yield by at most friction times
+    # wheel radius, 8 N at 40 mm, over a gain of 29 N m per radian.
     np.testing.assert_allclose(tells, 0.0, atol=0.011 if plant == "mujoco" else STEP)
     assert 0.3 * np.radians(zero_deg) < np.std(stands) < 3.0 * np.radians(zero_deg)
-    # It creeps: the robot of the thesis was zeroed by that.
+    # The robot creeps; the thesis used this creep for zeroing.
     moved = simulation.pose
     simulation.advance(1.0)
     gone = (moved.inverse() @ simulation.pose).log()
@@ -79,7 +79,7 @@ def test_in_its_dead_band_a_servo_stands(plant: str) -> None:
     simulation = spun_up(only(dead_band_deg=0.5), plant)
     goal = round(0.1 / STEP) * STEP
     off = goal - settled(simulation, goal)
-    # A gimbal with mass runs on into it; without, it stops at its edge.
+    # A gimbal with mass overshoots into the band; without, it stops at its edge.
     assert np.abs(off).max() <= band * (1.0 + 1e-9)
     if plant == "mujoco":
         assert np.abs(off).min() > 0.2 * band
@@ -123,7 +123,7 @@ def test_a_motor_that_reverses_crosses_its_play_alone(plant: str) -> None:
 
 
 def test_play_solves_its_differential_equation_in_small_steps() -> None:
-    """Motor and gimbal as two things that touch or not, by Euler's method."""
+    """Motor and gimbal as two bodies that touch or not, by Euler's method."""
     servos = replace(Servos.of(ROBOT.with_errors(0.0), 12.0), backlash_rad=0.006)
     random = np.random.default_rng(1)
     angle, goals = np.zeros(50), random.uniform(-0.2, 0.2, size=(6, 50))
@@ -139,7 +139,7 @@ def test_play_solves_its_differential_equation_in_small_steps() -> None:
 
 
 def test_play_never_grows_however_often_a_servo_is_told_anew() -> None:
-    """Rounding once let a motor run away from its gimbal, which then stood for good."""
+    """Rounding once let a motor drift away from its gimbal, which then stayed in place."""
     servos = replace(Servos.of(ROBOT.with_errors(0.0), 12.0), backlash_rad=0.0058)
     random = np.random.default_rng(2)
     angle, play = np.zeros(200), np.zeros(200)
@@ -157,7 +157,7 @@ def test_play_never_grows_however_often_a_servo_is_told_anew() -> None:
 
 @pytest.mark.parametrize("plant", list(PLANTS))
 def test_a_late_bus_is_late_both_ways_and_the_truth_is_not(plant: str) -> None:
-    """A robot told now does what one without delay did; it tells of it as late again."""
+    """Commands and measurements are both delayed; the true motion equals that without delay."""
     delay_s = 0.025
     prompt, late = spun_up(only(), plant), spun_up(only(delay_s=delay_s), plant)
     told, true, poses = [], [], []
@@ -165,7 +165,7 @@ def test_a_late_bus_is_late_both_ways_and_the_truth_is_not(plant: str) -> None:
         setpoint = DRIVE.inverse(np.array([0.5, 0.1 * np.sin(k), 0.0]))
         for robot in (prompt, late):
             robot.command(setpoint)
-        # Halves of 10 ms: the delay is a whole number of them.
+        # Halves of 10 ms, so the delay is a whole number of them.
         for _ in range(2):
             for robot in (prompt, late):
                 robot.advance(0.005)
@@ -203,7 +203,7 @@ def test_layers_change_the_way_by_at_most_half_of_one() -> None:
     ways = []
     for tilt_deg in np.arange(2.0, 20.0, 0.5):
         robot = spun_up(only(layer_m=layer_m))
-        # Each gimbal alike: the robot turns on the spot by the mean of its wheels.
+        # With equal gimbals, the robot turns on the spot by the mean of its wheels.
         setpoint = CRUISE.copy()
         setpoint[0::3] = np.round(np.radians(tilt_deg) / STEP) * STEP
         robot.command(setpoint)

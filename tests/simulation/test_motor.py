@@ -1,4 +1,4 @@
-"""The motors against the table of the thesis and the equation of a first-order lag."""
+"""The motors against the table of the thesis and a first-order lag."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ times = st.floats(0.0, 2.0).map(np.array)
 
 
 def test_spinning_up_and_down_solves_the_equation_of_a_lag() -> None:
-    """Against Euler's method, extrapolated; the time constants are those of the description."""
+    """Against extrapolated Euler steps, with the time constants of the description."""
     random = np.random.default_rng(1)
     start, goal = random.uniform(0.0, 1400.0, size=(2, 200))
     elapsed_s = random.uniform(0.0, 1.0, size=200)

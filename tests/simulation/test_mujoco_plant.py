@@ -1,4 +1,4 @@
-"""Rigid bodies in MuJoCo against the rolling equations, and against what friction must do."""
+"""Rigid bodies in MuJoCo against the rolling equations and friction laws."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def spin_up(robot: Simulation) -> None:
 
 
 def drive(robot: Simulation, twist: Array, seconds: float, ramp_s: float) -> tuple[Array, Array]:
-    """Ramp up, hold, ramp down; on the way the twists (n, 3), and what the joints make of them."""
+    """Ramp up, hold, ramp down; return the twists (n, 3), true and from the joints."""
     steps, twists, explained = round(seconds / PERIOD_S), [], []
     for k in range(steps):
         share = min(1.0, PERIOD_S * k / ramp_s, PERIOD_S * (steps - k) / ramp_s)
@@ -57,13 +57,13 @@ def test_driven_gently_it_goes_where_rolling_wheels_go(seed: int) -> None:
     ideal = drive(rolling, twist, 4.0, 1.0)[0][steady].mean(axis=0)
     twists, explained = drive(solid, twist, 4.0, 1.0)
     real = twists[steady].mean(axis=0)
-    # Wheels drill on the floor and turn 1.4 % slower for it.
+    # Wheels spin on the floor and turn 1.4 % slower.
     np.testing.assert_allclose(real, 0.986 * ideal, rtol=0, atol=0.012)
     gone, gone_solid = rolling.pose.xy_heading, solid.pose.xy_heading
     apart, way_m = gone_solid - gone, 3.0 * np.hypot(*ideal[:2])
     assert np.hypot(*apart[:2]) < 0.03 + 0.04 * way_m
     assert abs(apart[2]) < 0.1
-    # What was measured at the gimbals and wheels explains nearly all of the difference.
+    # The measured gimbals and wheels explain most of the difference.
     np.testing.assert_allclose(explained[steady], twists[steady], rtol=0, atol=0.006)
 
 
@@ -73,7 +73,7 @@ def test_at_rest_it_stays_where_it_was_put() -> None:
     spin_up(robot)
     at, heading = robot.pose.xy_heading[:2], robot.pose.xy_heading[2]
     np.testing.assert_allclose(at, pose.xy_heading[:2], rtol=0, atol=1e-3)
-    # What spins up three wheels one way turns the chassis the other way, a little.
+    # Spinning up three wheels turns the chassis slightly the other way.
     assert -0.05 < heading - pose.xy_heading[2] < 0.0
     robot.advance(1.0)
     np.testing.assert_allclose(robot.pose.xy_heading[2], heading, rtol=0, atol=0.01)
@@ -134,7 +134,7 @@ def test_a_patch_that_does_not_spin_obeys_coulomb() -> None:
 
 
 def test_spin_turns_dry_friction_into_oil() -> None:
-    """Against Coulomb's law summed over the points of a patch with the pressure of Hertz."""
+    """Against Coulomb's law summed over a patch with Hertzian pressure."""
     floor, spin, load = Floor(0.8, patch_radius_m=0.001), 262.0, 10.0
     r = (np.arange(400) + 0.5) / 400 * floor.patch_radius_m
     angle = (np.arange(400) + 0.5) / 400 * 2.0 * np.pi

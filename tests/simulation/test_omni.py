@@ -1,4 +1,4 @@
-"""Omni platforms in virtual time: they obey Newton and Coulomb, and slip when asked for more."""
+"""Omni platforms in virtual time obey Newton and Coulomb, and slip at excessive commands."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def run(simulation: Simulation, twist: list[float] | Array, seconds: float) -> N
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("twist", [[0.3, 0.0, 0.0], [0.0, -0.3, 0.0], [0.0, 0.0, 1.0]])
 def test_a_drive_ends_where_dead_reckoning_says(name: str, twist: list[float]) -> None:
-    """What the lag holds back at first comes later; from nothing to 0.3 m/s a wheel may slip."""
+    """Lag only delays the motion; starting at 0.3 m/s, a wheel may slip."""
     simulation = simulate(robots.load_robot(name))
     run(simulation, twist, 2.0)
     np.testing.assert_allclose(simulation.twist(), twist, atol=1e-4)
@@ -51,7 +51,7 @@ def test_a_circle_closes(name: str) -> None:
 
 
 def heaviest_push(simulation: Simulation, seconds: float) -> float:
-    """Largest acceleration that the body feels in the world, m/s^2."""
+    """Maximum acceleration of the body in the world, m/s^2."""
     velocity, most = simulation.pose.rotate(simulation.twist()[:2]), 0.0
     for _ in range(round(seconds / 0.0025)):
         simulation.advance(0.0025)
@@ -62,7 +62,7 @@ def heaviest_push(simulation: Simulation, seconds: float) -> float:
 
 
 def test_friction_is_all_that_pushes_a_robot() -> None:
-    """Told 4 m/s at once, wheels spin; along X four at 45 degrees push with mu g / sqrt 2."""
+    """At a step to 4 m/s, wheels spin; along X, four at 45 degrees push with mu g / sqrt 2."""
     simulation = simulate(ROBOT)
     simulation.command(simulation.kinematics.inverse(np.array([4.0, 0.0, 0.0])))
     most = heaviest_push(simulation, 0.3)
@@ -70,7 +70,7 @@ def test_friction_is_all_that_pushes_a_robot() -> None:
     slipping = np.abs(np.array(simulation.hardware_status()["slip_mps"]))
     assert slipping.min() > 0.3
     assert simulation.twist()[0] < 0.6 * 4.0
-    assert np.abs(simulation.measure()[:4]).min() > 20.0  # The encoders do not know.
+    assert np.abs(simulation.measure()[:4]).min() > 20.0  # The encoders do not show it.
 
 
 def test_below_the_limit_of_friction_wheels_keep_their_grip() -> None:
@@ -92,7 +92,7 @@ def test_less_friction_is_less_push() -> None:
 
 
 def test_a_motor_gives_no_more_than_its_power() -> None:
-    """On a floor that holds everything: m v dv/dt is at most four times 200 W."""
+    """With unlimited grip, m v dv/dt is at most four times 200 W."""
     simulation = simulate(changed(ROBOT, friction=1000.0))
     simulation.command(np.sign(simulation.kinematics.inverse(np.array([1.0, 0.0, 0.0]))) * 70.0)
     before, most = 0.0, 0.0
@@ -101,7 +101,7 @@ def test_a_motor_gives_no_more_than_its_power() -> None:
         speed = simulation.twist()[0]
         most = max(most, 15.0 * speed * (speed - before) / 0.0025)
         before = speed
-    # What the rotors and rims take for themselves is missing from it.
+    # The bound excludes the power that accelerates rotors and rims.
     assert 0.5 * 800.0 < most <= 800.0 * 1.02
 
 
@@ -145,7 +145,7 @@ def test_a_batch_is_its_members() -> None:
 
 
 def test_finer_steps_change_little() -> None:
-    """Steps are fine enough: five times as many move the end of a rough drive by millimetres."""
+    """Five times finer steps move the end of a rough drive by millimetres."""
     ends = []
     for parts in (1, 5):
         simulation = simulate(ROBOT)

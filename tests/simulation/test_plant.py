@@ -1,4 +1,4 @@
-"""The plant against wheels that roll in three dimensions, integrated in much smaller steps."""
+"""The plant against wheels rolling in three dimensions, integrated in much smaller steps."""
 
 from __future__ import annotations
 
@@ -18,10 +18,9 @@ Trajectory = Callable[[float], tuple[Array, Array]]
 
 
 def rolling_twist(drive: SingularityKinematics, joints: Array, rates: Array) -> Array:
-    """Twist of a chassis whose wheels do not slip, in least squares, from solid bodies alone.
+    """Least-squares twist of a chassis whose wheels do not slip, from rigid bodies alone.
 
-    Each wheel turns about its axle, about its inner gimbal's axis and about the outer one's; the
-    point at the ground must stand still.
+    Each wheel turns about its axle and both gimbal axes; its contact point must be at rest.
     """
     rows, velocities = [], []
     for azimuth, (alpha, beta, spin), (alpha_rate, beta_rate, _) in zip(
@@ -41,7 +40,7 @@ def rolling_twist(drive: SingularityKinematics, joints: Array, rates: Array) -> 
 
 
 def in_small_steps(trajectory: Trajectory, end_s: float, steps: int) -> Array:
-    """Runge-Kutta of fourth order on x, y and heading in the world."""
+    """Fourth-order Runge-Kutta on x, y and heading in the world."""
 
     def velocity(t: float, pose: Array) -> Array:
         vx, vy, omega = rolling_twist(DRIVE, *trajectory(t))
@@ -68,7 +67,7 @@ def by_plant(trajectory: Trajectory, end_s: float, steps: int) -> Array:
 
 
 def wobble(t: float) -> tuple[Array, Array]:
-    """Tilts that swing as fast as servos can, and spins that change, each module on its own."""
+    """Tilts that swing at servo speed, and varying spins, different for each module."""
     frequency = np.array([[7.0, 9.0, 1.0], [11.0, 6.0, 2.0], [8.0, 10.0, 1.5]])
     phase = np.array([[0.0, 1.0, 2.0], [0.7, 2.1, 0.3], [1.9, 0.2, 1.1]])
     size = np.array([0.4, 0.4, 60.0])
@@ -78,21 +77,21 @@ def wobble(t: float) -> tuple[Array, Array]:
 
 
 def test_the_plant_rolls_as_solid_bodies_do() -> None:
-    """Half a second of wild motion that ends 0.2 m away, in the control period of 10 ms."""
+    """0.5 s of fast motion that ends 0.2 m away, with the control period of 10 ms."""
     expected = in_small_steps(wobble, 0.5, 500)
     assert np.hypot(*expected[:2]) > 0.2
     np.testing.assert_allclose(by_plant(wobble, 0.5, 50), expected, rtol=0, atol=2e-6)
 
 
 def test_the_plant_is_of_fourth_order() -> None:
-    """Half the step is a sixteenth of the error."""
+    """Half the step gives a sixteenth of the error."""
     expected = in_small_steps(wobble, 0.4, 800)
     coarse, fine = (np.abs(by_plant(wobble, 0.4, steps) - expected).max() for steps in (20, 40))
     assert 12.0 < coarse / fine < 20.0
 
 
 def swing(sizes: Array) -> Trajectory:
-    """Wheels that stand still while their gimbals swing: only the rates move the robot."""
+    """Gimbals swing while the wheels do not spin, so only the rates move the robot."""
 
     def trajectory(t: float) -> tuple[Array, Array]:
         joints = np.zeros((3, 3))
@@ -105,7 +104,7 @@ def swing(sizes: Array) -> Trajectory:
 
 
 def test_a_gimbal_that_comes_back_brings_the_robot_back() -> None:
-    """Rates add up to the angle turned through, whatever the steps: no creep from a swing."""
+    """Rates integrate to the angle for any step size, so a swing causes no creep."""
     for axis in ([0.5, 0.0], [0.0, 0.5]):
         for steps in (7, 40):
             end = by_plant(swing(np.tile(axis, (3, 1))), 2.0 * np.pi / 5.0, steps)
@@ -113,7 +112,7 @@ def test_a_gimbal_that_comes_back_brings_the_robot_back() -> None:
 
 
 def test_a_gimbal_rolls_the_robot_by_its_arc() -> None:
-    """All outer gimbals by 0.5 rad turn the robot by the arc over the pivot radius."""
+    """Turning all outer gimbals by 0.5 rad turns the robot by the arc over the pivot radius."""
     for steps in (1, 7):
         end = by_plant(swing(np.tile([0.0, 0.5], (3, 1))), np.pi / 10.0, steps)
         turn = -0.5 * DRIVE.wheel_radius_m / DRIVE.pivot_radius_m

@@ -1,4 +1,4 @@
-"""The servo law against its differential equation in small steps, and as laws of its own."""
+"""The servo model against small steps of its differential equation, and its properties."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ times = st.floats(0.0, 1.0).map(np.array)
 
 
 def in_small_steps(angle: Array, goal: Array, elapsed_s: Array, steps: int = 4000) -> Array:
-    """Euler's method on: rate = gain x error, but no faster than the limit."""
+    """Euler's method on: rate = gain x error, up to the limit."""
     dt_s = elapsed_s / steps
     for _ in range(steps):
         rate = np.clip(32.0 * (goal - angle), -63.0 * np.pi / 30.0, 63.0 * np.pi / 30.0)
@@ -33,7 +33,7 @@ def in_small_steps(angle: Array, goal: Array, elapsed_s: Array, steps: int = 400
 
 
 def test_motion_solves_the_differential_equation() -> None:
-    """From 63 rpm and 32 per second, the figures of the MX-64, and to first order in the step."""
+    """With 63 rpm and 32 /s, the values of the MX-64, to first order in the step."""
     random = np.random.default_rng(0)
     angle, goal = random.uniform(-1.0, 1.0, size=(2, 300))
     elapsed_s = random.uniform(0.0, 0.3, size=300)
@@ -85,7 +85,7 @@ def test_rate_is_the_slope_of_the_motion(angle: Array, goal: Array) -> None:
 
 
 def test_the_goal_is_reached() -> None:
-    """Half a turn at 63 rpm takes 0.48 s, and the rest decays 32 times a second."""
+    """Half a turn at 63 rpm takes 0.48 s, and the rest decays at 32 /s."""
     after = MX64.after(np.array(0.0), np.array(np.pi), np.array([0.4, 2.0]))
     assert after[0] == pytest.approx(0.4 * 63.0 * np.pi / 30.0)
     assert after[1] == pytest.approx(np.pi, abs=1e-12)

@@ -1,4 +1,4 @@
-"""The simulated robot as a program meets it: times, set-points, measurements, truth."""
+"""Interface of the simulated robot: times, setpoints, measurements, truth."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ TURN = DRIVE.inverse(np.array([0.0, -0.4, -2.0]))
 
 
 def ready(at_s: float = 0.0, **options: float | bool) -> SimRobot:
-    """A robot at the origin that is armed and has spun up by the time `at_s`."""
+    """A robot at the origin, armed and spun up by the time `at_s`."""
     robot = SimRobot(ROBOT, **options)
     robot.read(at_s - 12.0)
     robot.write(IDLE, at_s - 12.0)
@@ -76,7 +76,7 @@ def test_time_that_goes_back_moves_nothing() -> None:
 
 
 def drive_around(robot: SimRobot, reads: list[float]) -> Array:
-    """Three commands at set times, with reads in between; returns the true pose at the end."""
+    """Apply three commands at set times, with reads in between; return the final true pose."""
     writes = [(0.0, AHEAD), (0.3, TURN), (0.7, CRUISE)]
     for now_s in sorted({*reads, *(time for time, _ in writes)}):
         robot.read(now_s)
@@ -93,7 +93,7 @@ def read_each_millisecond() -> Array:
 
 @pytest.mark.parametrize("period_s", [0.003, 0.0073, 0.01, 0.02, 0.1, 2.0])
 def test_how_often_it_is_read_changes_nothing(period_s: float) -> None:
-    """To ten micrometres, against a read each millisecond."""
+    """Within 10 µm of reading every millisecond."""
     reads = [i * period_s for i in range(int(1.2 / period_s))]
     end = drive_around(ready(), reads)
     np.testing.assert_allclose(end, read_each_millisecond(), rtol=0, atol=1e-5)
@@ -107,7 +107,7 @@ def test_when_it_is_read_changes_nothing(reads: list[float]) -> None:
 
 
 def test_a_long_pause_is_simulated_in_full() -> None:
-    """After an hour without a call the robot is an hour further around its circle."""
+    """After an hour without a call, the robot has driven its circle for an hour."""
     robot = ready()
     robot.write(AHEAD, 0.0)
     start = robot.truth(60.0)
@@ -132,7 +132,7 @@ def test_the_same_seed_is_the_same_run() -> None:
 
 
 def test_truth_has_the_twist_that_the_pose_moves_by() -> None:
-    """Half-way through a change of command, gimbals turning, and when it has settled."""
+    """Halfway through a change of command, with gimbals turning, and after settling."""
     robot = ready()
     robot.write(AHEAD, 0.0)
     for now_s in (0.02, 1.0):

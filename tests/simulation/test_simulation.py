@@ -1,4 +1,4 @@
-"""Whole robots in virtual time: they end where reckoning says, alone or in a batch."""
+"""Whole robots in virtual time end at the calculated pose, alone or in a batch."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def command(twist: list[float] | Array) -> Array:
 def spun_up(
     robot: RobotDescription = ROBOT, batch: tuple[int, ...] = (), **options: float
 ) -> Simulation:
-    """A robot that stands still at the origin, its wheels at cruising speed."""
+    """A robot at rest at the origin, with its wheels at cruising speed."""
     simulation = simulate(robot, batch, **options)
     idle = command([0.0, 0.0, 0.0])
     idle[2::3] = 0.0
@@ -48,10 +48,10 @@ def test_wheels_spin_up_to_the_cruising_speed_and_the_robot_stands() -> None:
     ids=["straight", "strafe", "back", "left", "right"],
 )
 def test_a_drive_ends_where_dead_reckoning_says(twist: list[float]) -> None:
-    """Two seconds of a command and a second of rest: what the lag holds back at first comes later.
+    """A command for 2 s, then rest for 1 s; lag only delays the motion.
 
-    Reckoned by hand: a wheel whose axle leans by (l_x, l_y) moves the robot by r spin (l_y, -l_x),
-    in whole steps of the servos, a turn by r spin l / R.
+    By hand: a wheel whose axle is tilted by (l_x, l_y) moves the robot by r spin (l_y, -l_x), in
+    whole servo steps, and a turn by r spin l / R.
     """
     simulation = spun_up()
     for goal, seconds in ((twist, 2.0), ([0.0, 0.0, 0.0], 1.0)):
@@ -66,7 +66,7 @@ def test_a_drive_ends_where_dead_reckoning_says(twist: list[float]) -> None:
 
 
 def test_a_turn_on_the_spot_stays_on_the_spot() -> None:
-    """All modules lean alike, by the same number of steps: known to the last digit."""
+    """All modules lean by the same number of steps, so the result is exact."""
     simulation = spun_up()
     simulation.command(command([0.0, 0.0, 1.5]))
     simulation.advance(1.0)
@@ -95,7 +95,7 @@ def rolling(joints: Array, rates: Array) -> Array:
 
 
 def test_the_whole_chain_solves_its_differential_equations() -> None:
-    """Servos, motors and pose together, against steps fifty times as fine by the midpoint rule."""
+    """Servos, motors and pose together, against 50 times finer midpoint steps."""
     random = np.random.default_rng(3)
     goals = [command(twist) for twist in random.uniform(-1.0, 1.0, size=(6, 3)) * [1, 1, 3]]
     goals[3][2::3] = np.array([2600.0, 3000.0, 0.0]) * np.pi / 30.0
@@ -172,7 +172,7 @@ def test_one_command_serves_a_whole_batch() -> None:
 
 
 def test_noise_has_the_size_that_the_description_gives_it() -> None:
-    """Spins differ by 1 %, and stay so; angles by 0.025 degrees, and the rounding to steps."""
+    """Spins differ by a constant 1 %; angles by 0.025 degrees and rounding to steps."""
     simulation = spun_up(batch=(2000,), noise=1.0, seed=5)
     spins = simulation.joints[:, 2::3].copy()
     assert spins.mean() == pytest.approx(CRUISE, rel=1e-3)
@@ -204,7 +204,7 @@ def test_a_flat_battery_slows_motors_and_servos() -> None:
 
 
 def test_a_calibrated_robot_drives_as_one_that_needs_no_calibration() -> None:
-    """Where it ends differs by what steps make of other angles: at most one of either gimbal."""
+    """The end differs by the rounding of different angles: at most one step per gimbal."""
     odd = msgspec.structs.replace(
         ROBOT,
         calibration=type(ROBOT.calibration)(
@@ -251,7 +251,7 @@ def test_set_points_must_be_numbers_one_for_each_joint() -> None:
 
 
 def test_another_number_of_wheels_is_another_description_and_nothing_else() -> None:
-    """Four wheels, with curves of their own, drive as three do."""
+    """Four wheels, with separate motor curves, drive like three do."""
     tables = msgspec.to_builtins(ROBOT)
     tables["drive"]["azimuths_deg"] = [45.0, 135.0, 225.0, 315.0]
     tables["motor"]["speed_rpm"].append(tables["motor"]["speed_rpm"][0])
@@ -273,7 +273,7 @@ def test_another_number_of_wheels_is_another_description_and_nothing_else() -> N
 def test_a_set_point_that_is_withdrawn_at_once_changes_nothing(
     errors: float, times_s: tuple[float, ...]
 ) -> None:
-    # Steps that change no joint are remembered; one of the two robots has to forget them.
+    # Steps that change no joint are cached, so make one of the two robots forget them.
     robot = ROBOT.with_errors(errors)
     steady, disturbed = spun_up(robot), spun_up(robot)
     setpoint, other = command([0.2, 0.1, 0.5]), command([-0.2, 0.3, 0.0])

@@ -1,4 +1,4 @@
-"""Speed controllers let nothing through before they have seen zero throttle for long enough."""
+"""Speed controllers pass no throttle before they have seen zero for long enough."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The sphere in virtual time: its rows hop whatever model anybody believes in."""
+"""The sphere in virtual time changes rows, independent of the controller's model."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def reference(speeds: Array, seconds: float, steps: int) -> Array:
 
 @pytest.mark.parametrize("speeds", [[2.0, 1.0, -3.0], [5.0, 5.0, 5.0], [0.0, 0.3, 7.0]])
 def test_it_turns_as_the_rows_make_it(speeds: list[float]) -> None:
-    """A stiff motor, so that speeds are constant from the start."""
+    """A stiff motor makes the speeds constant from the start."""
     stiff = msgspec.structs.replace(
         ROBOT, motor=msgspec.structs.replace(ROBOT.motor, time_constant_s=1e-6, power_w=1e6)
     )
@@ -90,7 +90,7 @@ def test_motors_have_a_torque_and_a_top_speed() -> None:
     simulation.command(np.full(3, 1e4))
     simulation.advance(0.005)
     motor = ROBOT.motor
-    # A turn about a horizontal axis is the heaviest: 2/5 m R^2 over (R / r)^2 3/2 sin^2 40 degrees.
+    # Inertia is largest about a horizontal axis: 2/5 m R^2 over (R / r)^2 3/2 sin^2 40 degrees.
     sphere = 0.4 * 2.5 * 0.15**2 / (36.0 * 1.5 * math.sin(math.radians(40.0)) ** 2)
     inertia = 2e-6 * 14.0**2 + 0.5 * 0.08 * 0.025**2 + sphere
     torque = 4.0 * 20.0 / (6000.0 * 2.0 * np.pi / 60.0) * 14.0
@@ -106,6 +106,6 @@ def test_facts_say_which_row_carries() -> None:
     simulation = simulate(ROBOT)
     assert simulation.hardware_status()["rows"] == [1, 1, 1]
     simulation.command(np.array([1.0, 0.0, -1.0]))
-    for _ in range(60):  # 0.6 rad less the start, beyond pi / 8.
+    for _ in range(60):  # 0.6 rad minus the start, beyond pi / 8.
         simulation.advance(0.01)
     assert simulation.hardware_status()["rows"] == [2, 1, 1]

@@ -1,4 +1,4 @@
-"""Gimbals that stick: what they are told, and what they do."""
+"""Stuck gimbals: commanded and actual motion."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def run(robot: SimRobot, seconds: float, start_s: float, sign: float = 1.0) -> n
 def test_it_sticks_where_it_leaned_so_far_and_the_others_go_on() -> None:
     jam = StuckJoint.parse("module2_alpha@1.5", ROBOT)
     joints = run(DegradedRobot(ROBOT, jams=[jam]), 1.0, 0.0)
-    # It is looked at every 10 ms, in which a servo comes closer to its goal by a third.
+    # The jam is checked every 10 ms, in which a servo approaches its goal by a third.
     stuck = abs(np.degrees(joints[3]))
     assert 1.5 - 0.05 <= stuck < abs(np.degrees(FORWARD[3]))
     free = [0, 1, 4, 6, 7]

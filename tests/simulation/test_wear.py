@@ -1,4 +1,4 @@
-"""Injected wear: what slower joints and a weaker battery do to a simulated robot."""
+"""Injected wear: effects of slower joints and a weaker battery on a simulated robot."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ def run(robot: SimRobot, setpoint: Array, start_s: float, seconds: float) -> flo
 
 
 def spinning(robot: SimRobot) -> float:
-    """Arm, and spin up; return the time."""
+    """Arm and spin up; return the time."""
     return run(robot, REST, run(robot, OFF, 0.0, 2.5), 1.5)
 
 
 @pytest.mark.parametrize("plant", PLANTS)
 def test_a_servo_that_lost_30_percent_lags_as_much_more(plant: str) -> None:
-    """Behind a ramp it lags by the slope over its rate, and gives way to loads as much more.
+    """It lags a ramp by the slope over its rate, and yields to loads in proportion.
 
     The inertia of the rotor, in MuJoCo only, does not grow.
     """

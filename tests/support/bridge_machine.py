@@ -21,7 +21,7 @@ from tsd_twin.robots import RobotDescription
 AHEAD = (0.5, 0.0, 0.0)
 ZERO_US = 1000.0
 QUICK = robots.read_description("tsd").replace("[motor]", "[motor]\narming_hold_s = 0.1", 1)
-"""The shipped robot without the core's wait: the board has one of its own."""
+"""The shipped robot without the core's wait, as the board also waits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,12 +80,24 @@ class Box:
 class Machine:
     """Simulated board, bridge, and an operator."""
 
-    def __init__(self, start: Callable[..., Program], folder: Path) -> None:
+    def __init__(
+        self,
+        start: Callable[..., Program],
+        folder: Path,
+        wheel_pulses: int = 0,
+        described_pulses: int = 0,
+    ) -> None:
+        """`described_pulses`: pulses per turn in the robot file, if they differ."""
         self._start, self._folder = start, folder
         self.description = folder / "quick.toml"
-        self.description.write_text(QUICK)
+        described = described_pulses or wheel_pulses
+        sensors = f"\n[wheel_sensor]\npulses_per_turn = {described}\n" if described else ""
+        # The board counts at most 1,000 pulses per second, also at the fastest speed.
+        limited = QUICK.replace("[drive]", "[drive]\nmax_speed_rpm = 10000.0", 1)
+        self.description.write_text((limited if described_pulses else QUICK) + sensors)
         port = str(folder / "port")
-        self.box = Box(start("firmware.simulator", "--link", port), port)
+        pulses = ("--wheel-pulses", str(wheel_pulses))
+        self.box = Box(start("firmware.simulator", "--link", port, *pulses), port)
         self.bridge = self.start_bridge()
         self.pilot = self._pilot()
 
@@ -137,7 +149,11 @@ class Machine:
 
     def get_ready(self) -> None:
         """Take control, reset and arm."""
-        self._until(lambda: self.mode == "ready", (0.0, 0.0, 0.0))
+        self.stand(lambda: self.mode == "ready")
+
+    def stand(self, until: Callable[[], object]) -> None:
+        """Hold the stick at its centre until a condition is true."""
+        self._until(until, (0.0, 0.0, 0.0))
 
     def drive(self, until: Callable[[], object] | None = None) -> None:
         """Get ready, and drive until the actuators do, or something else is the case."""
@@ -160,7 +176,7 @@ class Machine:
             time.sleep(0.02)
 
     def hold_until(self, condition: Callable[[], object]) -> None:
-        """Hold the stick meanwhile, as an operator does who has seen nothing yet."""
+        """Hold the stick until a condition is true, like an operator who has noticed nothing."""
         self.pilot.drive(AHEAD, until=condition)
 
     def refuses_to_arm(self, reason: str) -> None:

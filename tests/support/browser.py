@@ -62,7 +62,7 @@ def executable() -> str:
 
 
 def mode(page: Page, word: str) -> None:
-    """Wait until the page says that the robot is in a mode."""
+    """Wait until the page shows this mode of the robot."""
     expect(page.get_by_role("status", name="Mode")).to_contain_text(
         word, ignore_case=True, timeout=PATIENCE_MS
     )
@@ -75,22 +75,23 @@ def press(page: Page, name: str, patience_ms: float = PATIENCE_MS) -> None:
     expect(button).not_to_have_attribute("aria-disabled", "true", timeout=patience_ms)
     # By the centre of its box: waiting for frames that are the same takes long without a GPU.
     before, box = None, button.bounding_box()
-    while box is None or box != before:  # What is beside it may still move it, or hide it.
+    while box is None or box != before:  # Its neighbours may still move or hide it.
         page.wait_for_timeout(100)
         expect(button).to_be_visible(timeout=patience_ms)
         before, box = box, button.bounding_box()
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
 
 
-def press_until(page: Page, name: str, then: Locator) -> None:
-    """Press a button until something is to be seen: a click on a page that was busy may be lost."""
-    for _ in budget.tries(f"press {name}", 5):
-        press(page, name)
-        try:
-            expect(then).to_be_visible(timeout=PATIENCE_MS / 5)
-        except AssertionError:
-            continue
-        return
+def until_linked(page: Page) -> None:
+    """Wait until the page shows a round trip, so that it is connected and receives states."""
+    link = page.get_by_role("button", name=re.compile("^Link"))
+    expect(link).to_contain_text(re.compile(r"\d+\s*ms"), timeout=PATIENCE_MS)
+
+
+def press_linked(page: Page, name: str, then: Locator) -> None:
+    """Press a button of a linked page once, and wait for its effect."""
+    until_linked(page)
+    press(page, name)
     expect(then).to_be_visible(timeout=PATIENCE_MS)
 
 
@@ -140,7 +141,7 @@ def press_now(page: Page, name: str) -> bool:
     """Press a button with the mouse, and return whether it can be used now."""
     button, before = page.get_by_role("button", name=name, exact=True), None
     while (place := button.evaluate_all(_CENTRE)) is not None:
-        if place == before:  # What is beside it moves it no more.
+        if place == before:  # Its neighbours do not move it any longer.
             page.mouse.click(*place)
             return True
         before = place
@@ -149,7 +150,7 @@ def press_now(page: Page, name: str) -> bool:
 
 
 def give_back(page: Page) -> None:
-    """Let go of all that drives, and disarm and release the robot, whatever a test has left."""
+    """Release all controls, then disarm and release the robot, in any state of the page."""
     page.mouse.up()
     for key in "wasdqeg":
         page.keyboard.up(key)

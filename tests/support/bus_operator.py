@@ -11,6 +11,8 @@ from typing import Any, Self
 import numpy as np
 
 from tests.support.robot_node import PATIENCE_S, RunningNode, matched
+from tests.support.virtual_fleet import VirtualNode
+from tsd_twin.bus import Bus
 from tsd_twin.lie import Array
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import (
@@ -22,18 +24,20 @@ from tsd_twin.messages.cdr import (
     decode_odometry,
     encode_twist,
 )
-from tsd_twin.messages.commands import Sample, encode_attachment
+from tsd_twin.messages.commands import encode_attachment
 from tsd_twin.messages.status import RobotStatus, decode_stamp, decode_status
-from tsd_twin.messages.topics import QoS, Service
+from tsd_twin.messages.topics import QoS, Sample, Service
 
 
 class BusOperator:
     """Bus client with all services and topics of a dashboard, without a dead-man switch."""
 
-    def __init__(self, node: RunningNode, name: str = "alice", streams: int = 5) -> None:
+    def __init__(
+        self, node: RunningNode | VirtualNode, name: str = "alice", streams: int = 5
+    ) -> None:
         self.id, self.name, self.lease = node.id, name, "00" * 16
         self.twist_axes = node.robot.kinematics().twist_axes
-        self.bus = node.client()
+        self.bus: Bus = node.client()
         self.newest: dict[str, Sample] = {}
         self.history: dict[str, list[Sample]] = {}
         self.events: list[dict[str, Any]] = []
@@ -59,6 +63,8 @@ class BusOperator:
         self.bus.close()
 
     def _note(self, sample: Sample) -> None:
+        if sample.key == topics.SUMMARY.key(self.id):
+            return  # Repeats the other streams.
         with self._news:
             what = sample.key.rpartition("/")[2]
             self.newest[what] = sample
@@ -98,6 +104,15 @@ class BusOperator:
         """Texts of the events."""
         return [event["text"] for event in self.events]
 
+    def together(self, *streams: str) -> list[Sample]:
+        """Return the latest samples of all streams that belong to the same robot period."""
+        samples = [
+            {decode_stamp(sample.attachment)[1]: sample for sample in [*self.history[each]]}
+            for each in streams
+        ]
+        latest_ns = max(set.intersection(*map(set, samples)))
+        return [each[latest_ns] for each in samples]
+
     def wait_for(self, mode: str) -> None:
         self.wait_until(lambda: self.status.mode == mode)
 
@@ -107,7 +122,7 @@ class BusOperator:
         self.wait_until(lambda: len(self.history["status"]) > first + 1)
 
     def track(self, what: str) -> Array:
-        """Return robot time, x, y, heading, (n, 4), of a pose as it came in."""
+        """Return the received poses (n, 4): robot time, x, y, heading."""
         rows = []
         for sample in self.history[what]:
             odometry = decode_odometry(sample.payload)
@@ -133,7 +148,7 @@ class BusOperator:
 
     @property
     def seen(self) -> int:
-        """Number of the newest status."""
+        """Number of the latest status."""
         return decode_stamp(self.newest["status"].attachment)[0]
 
     def send(self, twist: Sequence[float], frame: str = BASE, seen: int | None = None) -> None:

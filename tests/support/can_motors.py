@@ -196,7 +196,9 @@ class MotorBus:
 
 
 def main() -> None:
-    """Serve until standard input ends; commands are mark, show, deaf, mute and mend."""
+    """Serve until standard input ends; commands are mark, show, mend, and a field of a motor with
+    its number, from 1, and value, 1 by default.
+    """
     parser = argparse.ArgumentParser()
     parser.add_argument("--channel", required=True)
     parser.add_argument("--kind", required=True)
@@ -219,8 +221,9 @@ def main() -> None:
         elif what == "mend":
             for motor in motors:
                 motor.mute = motor.deaf = False
+                motor.fault, motor.temperature_c = 0, 30.0
         else:
-            setattr(motors[int(rest[0]) - 1], what, True)
+            setattr(motors[int(rest[0]) - 1], what, int(rest[1]) if rest[1:] else True)
 
 
 if __name__ == "__main__":

@@ -35,11 +35,10 @@ from tsd_twin.hardware.dynamixel.control_table import BoardMode
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import BASE, TwistStamped, encode_twist
 from tsd_twin.messages.codes import Code, Reason, because
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.modes import LATCHED
 from tsd_twin.messages.sentences import sentence
 from tsd_twin.messages.services import HolderRequest, LeaseRequest
-from tsd_twin.messages.topics import Service
+from tsd_twin.messages.topics import Sample, Service
 from tsd_twin.recording import open_recording
 from tsd_twin.recording.channels import EntryMaker
 from tsd_twin.recording.mcap_file import RecordingFile

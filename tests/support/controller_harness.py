@@ -15,10 +15,10 @@ from tsd_twin.control import RobotController
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import Array
 from tsd_twin.messages.cdr import BASE, TwistStamped, encode_twist
-from tsd_twin.messages.commands import Sample, encode_attachment
+from tsd_twin.messages.commands import encode_attachment
 from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.status import LoopStatus, RobotStatus
-from tsd_twin.messages.topics import Service
+from tsd_twin.messages.topics import Sample, Service
 from tsd_twin.robots import RobotDescription
 from tsd_twin.simulation import SimRobot
 

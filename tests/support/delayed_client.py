@@ -9,11 +9,10 @@ from tests.support.controller_harness import PERIOD_S, ControllerHarness
 from tsd_twin import robots
 from tsd_twin.client.errors import ClientError
 from tsd_twin.client.protocol import ControlProtocol, TwistCommand
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.services import LeaseReply
 from tsd_twin.messages.status import RobotStatus
-from tsd_twin.messages.topics import twist_key
+from tsd_twin.messages.topics import Sample, twist_key
 
 ROBOTS = {name: robots.load_robot(name) for name in robots.robot_names()}
 PUSH = (0.1, 0.0, 0.0)

@@ -16,6 +16,7 @@ import numpy as np
 from firmware.simulator.power import AS_DRAWN, Wiring
 from firmware.simulator.simulation import FirmwareSimulation
 from tests.support.firmware_host import CRUISE, CYCLE_S, NO_GOALS, Bench, FirmwareHost
+from tests.support.wheel_rules import PULSES, SENSORS
 from tsd_twin.hardware.dynamixel.control_table import BoardMode
 from tsd_twin.robots import SingularityDescription, description_of_kind, load_robot
 
@@ -46,6 +47,8 @@ class Fault:
     wiring: Wiring = AS_DRAWN
     pc: bool = True
     """Whether the PC goes on sending."""
+    sensors: bool = False
+    """Whether the wheels have speed sensors."""
     lets_go: bool = False
     """Whether it sends the gimbals upright from the fault on."""
 
@@ -61,6 +64,10 @@ def _dead(simulation: FirmwareSimulation, *, dead: bool) -> None:
 def _jammed(simulation: FirmwareSimulation, *, jammed: bool) -> None:
     for servo in simulation.servos:
         servo.jammed = jammed
+
+
+def _unplug(simulation: FirmwareSimulation, sensor: int | None) -> None:
+    simulation.sensor_wheels[:] = [None if i == sensor else i for i in range(3)]
 
 
 def _switches(simulation: FirmwareSimulation, *, kill: bool) -> None:
@@ -165,6 +172,20 @@ FAULTS = (
         lets_go=True,
     ),
     Fault(
+        "wheel 2 jams, with a sensor",
+        lambda it: it.plant.stuck.add(1),
+        lambda it: it.plant.stuck.clear(),
+        "free it, 2 s, reset, arm",
+        sensors=True,
+    ),
+    Fault(
+        "wire of a wheel sensor off",
+        lambda it: _unplug(it, 1),
+        lambda it: _unplug(it, None),
+        "plug it in, 2 s, reset, arm",
+        sensors=True,
+    ),
+    Fault(
         "kill switch",
         lambda it: _switches(it, kill=True),
         lambda it: _switches(it, kill=False),
@@ -198,7 +219,9 @@ def measure(fault: Fault, bench: Bench) -> Result:
     robot = description_of_kind(load_robot("tsd"), SingularityDescription)
     joints = robot.kinematics().inverse(np.array([1.0, 0.0, 0.0]))
     goal = [round(angle / _STEP_RAD) for angle in joints.reshape(3, 3)[:, :2].ravel()]
-    pilot = bench.pilot(receiver=True, wiring=fault.wiring).get_driving()
+    pulses, setup = (PULSES, SENSORS) if fault.sensors else (0, None)
+    pilot = bench.pilot(receiver=True, wiring=fault.wiring, wheel_pulses=pulses)
+    pilot.get_driving(setup=setup)
     pilot.drive(0.8, goal=goal)
     simulation = pilot.simulation
     simulation.board.receive()

@@ -18,26 +18,29 @@ import time
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from tests.app.conftest import Program
 from tests.support.robot_node import PATIENCE_S, QUICK
-from tests.support.withheld import Pauses
+from tests.support.withheld import Pauses, WithheldTime
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.estimation import exponential_error
 from tsd_twin.lie import SE2, Array
 from tsd_twin.link_emulation import LinkEmulator, LinkSpec
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import Odometry, decode_odometry
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.status import RobotStatus, decode_stamp, decode_status
+from tsd_twin.messages.topics import Sample
 
 ID = "tsd"
 SPEED_MPS = 1.0
 AT_REST_MPS = 1e-3
 ANY_PORT = "tcp/127.0.0.1:0"
+MAX_COMMAND_PAUSE_S = 0.2
+"""Maximum gap between statuses with newly accepted commands; periods are 50 ms and 20 ms."""
+_WITHHELD_PERIOD_S, _STAMPS_KEPT = 0.1, 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,13 +53,18 @@ class Run:
     """Until standstill."""
     after_m: float
     """Distance after that, until the end of the recording."""
+    withheld_s: float = 0.0
+    """Withheld time of all processes of the test from the fault to standstill."""
 
 
 class Observer:
     """Subscriber of the robot, without the emulated link."""
 
-    def __init__(self, bus: Bus) -> None:
+    def __init__(self) -> None:
         self._news = threading.Condition()
+        self._withheld = WithheldTime(os.getpid())
+        self._withheld_s = [(time.monotonic(), 0.0)]
+        """Times, and withheld time until then."""
         self.truth: list[tuple[float, Array, float]] = []
         """Robot time in seconds, (x, y), and speed at which anything moves."""
         self.status = RobotStatus("disarmed")
@@ -64,18 +72,29 @@ class Observer:
         """Notes each truth, if there is one."""
         self.command_pauses: Pauses | None = None
         """Notes each status by which commands have been accepted, if there is one."""
-        self._newest: dict[str, Odometry] = {}
+        self._newest: dict[str, dict[int, Odometry]] = {}
+
+    @classmethod
+    def of(cls, bus: Bus) -> Self:
+        """Return an observer on a bus."""
+        it = cls()
         for topic in (topics.ODOM, topics.TRUTH):
-            bus.subscribe(topic.key(ID), functools.partial(self._on_odometry, topic.path))
-        bus.subscribe(topics.TRUTH.key(ID), self._on_truth)
-        bus.subscribe(topics.STATUS.key(ID), self._on_status)
+            bus.subscribe(topic.key(ID), functools.partial(it._on_odometry, topic.path))
+        bus.subscribe(topics.TRUTH.key(ID), it._on_truth)
+        bus.subscribe(topics.STATUS.key(ID), it._on_status)
+        return it
 
     def _on_truth(self, sample: Sample) -> None:
         odometry = decode_odometry(sample.payload)
         robot_s = decode_stamp(sample.attachment)[1] * 1e-9
+        self._add_truth(robot_s, odometry.xy_heading[:2], float(np.abs(odometry.twist).max()))
+
+    def _add_truth(self, robot_s: float, xy: Array, speed: float) -> None:
         with self._news:
-            speed = float(np.abs(odometry.twist).max())
-            self.truth.append((robot_s, odometry.xy_heading[:2], speed))
+            if time.monotonic() - self._withheld_s[-1][0] > _WITHHELD_PERIOD_S:
+                withheld_s = self._withheld.total_s
+                self._withheld_s.append((time.monotonic(), withheld_s))
+            self.truth.append((robot_s, xy, speed))
             if self.pauses is not None:
                 self.pauses.note(robot_s)
             self._news.notify_all()
@@ -89,12 +108,16 @@ class Observer:
             self._news.notify_all()
 
     def _on_odometry(self, name: str, sample: Sample) -> None:
-        self._newest[name] = decode_odometry(sample.payload)
+        stamp_ns = decode_stamp(sample.attachment)[1]
+        latest = {**self._newest.get(name, {}), stamp_ns: decode_odometry(sample.payload)}
+        self._newest[name] = dict(sorted(latest.items())[-_STAMPS_KEPT:])
 
     @property
     def nees(self) -> float:
         """Squared error of the estimated pose, in units of its covariance."""
-        estimate, truth = (self._newest[topic.path] for topic in (topics.ODOM, topics.TRUTH))
+        poses = [self._newest[topic.path] for topic in (topics.ODOM, topics.TRUTH)]
+        latest_ns = max(poses[0].keys() & poses[1].keys())
+        estimate, truth = (each[latest_ns] for each in poses)
         error = exponential_error(SE2(estimate.xy_heading), SE2(truth.xy_heading))
         return float(error @ np.linalg.solve(estimate.pose_covariance, error))
 
@@ -141,10 +164,10 @@ class Observer:
         return {name: getattr(counts, name) for name in counts.__struct_fields__}
 
     def run_since(self, fault_s: float, under_way_s: float = 0.0) -> Run:
-        """Return what the robot has done since a fault.
+        """Return distance and time of the robot since a fault.
 
-        From the last truth before it, so that the way is rather too long than too short. A
-        standstill counts once nothing can be under way any more that was sent before the fault.
+        From the last truth before it, so that the distance is an upper bound. A standstill counts
+        after `under_way_s`, when all messages sent before the fault have arrived.
         """
         with self._news:
             truth = list(self.truth)
@@ -155,8 +178,17 @@ class Observer:
             if truth[i][2] < AT_REST_MPS and truth[i][0] >= fault_s + under_way_s
         )
         return Run(
-            _way_m(truth[first : still + 1]), truth[still][0] - fault_s, _way_m(truth[still:])
+            _way_m(truth[first : still + 1]),
+            truth[still][0] - fault_s,
+            _way_m(truth[still:]),
+            self._withheld_between_s(truth[first][0], truth[still][0]),
         )
+
+    def _withheld_between_s(self, from_s: float, until_s: float) -> float:
+        with self._news:
+            counts = [*self._withheld_s, (math.inf, self._withheld.total_s)]
+        before_s = max((total_s for at_s, total_s in counts if at_s <= from_s), default=0.0)
+        return next(total_s for at_s, total_s in counts if at_s >= until_s) - before_s
 
 
 def _way_m(truth: list[tuple[float, Array, float]]) -> float:
@@ -242,7 +274,7 @@ class FaultStage:
 
     def __init__(self, mock: Program, endpoint: str, link: LinkEmulator, bus: Bus) -> None:
         self.mock, self.endpoint, self.link = mock, endpoint, link
-        self.observer = Observer(bus)
+        self.observer = Observer.of(bus)
         self._dashboard: Program | None = None
         self._pages: list[PretendPage] = []
 

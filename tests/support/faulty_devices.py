@@ -22,6 +22,8 @@ from tsd_twin.hardware.dynamixel.control_table import (
     BoardMode,
     Setup,
     Telemetry,
+    TripHistory,
+    Wheels,
 )
 from tsd_twin.hardware.dynamixel.packets import Decoder, Instruction, Packet, protocol2
 from tsd_twin.robots import SingularityDescription, description_of_kind, load_robot
@@ -38,7 +40,9 @@ class Peer:
         self.plug_in()
 
     def plug_in(self) -> None:
-        """Appear, under the same name as before."""
+        """Appear, under the same name as before, unless plugged in."""
+        if self._thread is not None:
+            return
         master, slave = pty.openpty()
         tty.setraw(slave)
         link = Path(self.port)
@@ -88,6 +92,8 @@ class PretendBoard:
             battery_mv=12000,
             drive_mv=12000,
         )
+        self.wheels = Wheels()
+        self.history = TripHistory()
         self.table = bytearray(TABLE_SIZE)
         self.obeys_arm = True
         self.silent = False
@@ -155,7 +161,7 @@ class PretendBoard:
 
     def _refresh(self) -> None:
         self.telemetry = replace(self.telemetry, millis=self.telemetry.millis + 10)
-        for block in (self.identity, self.telemetry, self.geometry):
+        for block in (self.identity, self.telemetry, self.wheels, self.geometry, self.history):
             packed = block.pack()
             self.table[block.ADDRESS : block.ADDRESS + len(packed)] = packed
 

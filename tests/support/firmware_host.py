@@ -19,12 +19,14 @@ from tsd_twin.hardware.dynamixel.control_table import (
     ReceiverKind,
     Setup,
     Telemetry,
+    TripHistory,
+    Wheels,
 )
 from tsd_twin.hardware.dynamixel.servo_models import MODELS
 
 CYCLE_S = 0.01
 MODEL = {1: MODELS[310], 2: MODELS[311]}
-"""Of the simulated servos, by protocol."""
+"""Models of the simulated servos, by protocol."""
 CHECK_S = 2.5
 """After this all settings of all servos have been read once more."""
 _SET_UP_S = 0.4
@@ -49,7 +51,7 @@ def read(address: int, length: int) -> bytes:
 
 
 def sbus_frame(us: Sequence[int], flags: int) -> bytes:
-    """What a receiver with SBUS sends."""
+    """Return the frame of an SBUS receiver."""
     channels = [*us, *(1500,) * (16 - len(us))]
     bits = sum((width_us - 880) * 8 // 5 << 11 * i for i, width_us in enumerate(channels))
     return b"\x0f" + bits.to_bytes(22, "little") + bytes([flags, 0])
@@ -78,7 +80,7 @@ class FirmwareHost:
         self.session = (0, 0)
         """Newest nonce of the board."""
         self.sent: list[bytes] = []
-        """What a program that listened to the line would have recorded."""
+        """Bytes sent to the board, as a recorder of the line would have them."""
         self.zero_us = (1000.0,) * 3
         """Pulses of zero throttle."""
         self.missed = 0
@@ -99,6 +101,18 @@ class FirmwareHost:
         error, data = self.ask(READ_TELEMETRY)
         assert error == 0
         return self._heard(Telemetry.unpack(data))
+
+    def wheels(self) -> Wheels:
+        """Read the wheel speeds."""
+        error, data = self.ask(read(Wheels.ADDRESS, Wheels.LAYOUT.size))
+        assert error == 0
+        return Wheels.unpack(data)
+
+    def history(self) -> TripHistory:
+        """Read the last trips."""
+        error, data = self.ask(read(TripHistory.ADDRESS, TripHistory.LAYOUT.size))
+        assert error == 0
+        return TripHistory.unpack(data)
 
     def _heard(self, telemetry: Telemetry) -> Telemetry:
         self.session = telemetry.nonce
@@ -158,7 +172,7 @@ class FirmwareHost:
         *,
         fresh: bool = True,
     ) -> Telemetry:
-        """Go on with the same command; return what the board says at the end."""
+        """Repeat the command for a time; return the last telemetry."""
         for _ in range(round(seconds / CYCLE_S)):
             self.cycle(arm, throttle, goal, fresh=fresh)
         return self.telemetry()
@@ -172,7 +186,7 @@ class FirmwareHost:
         return self
 
     def arm(self, *, at_once: bool = False) -> Telemetry:
-        """Take the arm switch from 0 to 1; return what the board says to that.
+        """Switch the arm command from 0 to 1; return the telemetry after it.
 
         Unless `at_once`, zero throttle is held before for as long as it takes.
         """
@@ -183,9 +197,11 @@ class FirmwareHost:
         self.cycle(1)
         return self.telemetry()
 
-    def get_driving(self, goal: Sequence[int] = NO_GOALS) -> FirmwareHost:
+    def get_driving(
+        self, goal: Sequence[int] = NO_GOALS, setup: Setup | None = None
+    ) -> FirmwareHost:
         """Be armed, with spinning wheels."""
-        self.get_ready()
+        self.get_ready(setup)
         assert self.arm().mode == BoardMode.ARMED
         assert self.drive(0.2, goal=goal).mode == BoardMode.ARMED
         assert min(self.simulation.pulses_us()) > 1200.0
@@ -211,15 +227,16 @@ class FirmwareHost:
 
 
 def number(pilot: FirmwareHost, item: str, size: int = 1, index: int = 0) -> int:
-    """An item of the table of a board without the chip, as it is now."""
+    """An item of the table of a board, as it is now."""
     at, peek = ADDRESS[item] + size * index, pilot.simulation.board.peek
+    at += pilot.simulation.table_address
     return sum(peek(at + i) << 8 * i for i in range(size))
 
 
 def run_until(
     pilot: FirmwareHost, item: str, value: int, size: int = 1, *, mask: int = 0xFFFF
 ) -> int:
-    """Run until an item has a value; return the millisecond of the board in which it has it."""
+    """Run until an item has a value; return the board's time of it in milliseconds."""
     end_s = pilot.simulation.board.now_s + 3.0
     while number(pilot, item, size) & mask != value:
         pilot.simulation.run(0.0002)

@@ -37,14 +37,16 @@ from tests.firmware import (
     test_power,
     test_receiver_lines,
     test_servo_cycle,
+    test_trips,
 )
 from tests.support.firmware_host import Bench
-from tests.support.firmware_rules import LAWS, Law
+from tests.support.firmware_rules import ALL_LAWS, Law
 
 FILES = (
     "watchdog.c", "table.c", "manual.c", "host_line.c", "receiver.c", "pulses.c", "sbus.c",
     "servos.c", "safety.c", "power.c", "packet.c", "nonce.c", "esc.c", "setup.c", "protocol1.c",
-    "protocol2.c", "gimbals.c",
+    "protocol2.c", "gimbals.c", "wheel_speed.c", "wheel_following.c", "wheel_telemetry.c",
+    "esc_telemetry.c", "trip_history.c", "light.c",
 )  # fmt: skip
 LISTED = FIRMWARE / "equivalent_mutants.txt"
 _JUDGED = BUILD / "mutants.jsonl"
@@ -193,6 +195,9 @@ _TESTS: tuple[Law, ...] = (
     test_line.test_an_armed_board_drives_on_among_garbage,
     test_line.test_every_length_of_read_is_answered_with_what_stands_there,
     test_line.test_what_looks_like_a_header_inside_a_packet_is_stuffed_both_ways,
+    test_trips.test_the_ring_keeps_the_last_eight_over_many_turns_and_wears_all_cells_alike,
+    test_trips.test_any_cut_of_a_write_leaves_the_other_trips,
+    test_trips.test_memory_that_never_held_trips_holds_none,
     *(
         test
         for module in (test_edges, test_eeprom, test_power, test_receiver_lines, test_servo_cycle)
@@ -200,7 +205,7 @@ _TESTS: tuple[Law, ...] = (
         if name.startswith("test_")
     ),
 )
-TESTS: dict[str, Law] = {**LAWS, **{test.__name__: test for test in _TESTS}}
+TESTS: dict[str, Law] = {**ALL_LAWS, **{test.__name__: test for test in _TESTS}}
 
 
 def _holds(library: Path, test: Law) -> bool:

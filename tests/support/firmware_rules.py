@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from firmware.simulator.mx64 import Mx64
-from tests.support import source_rules
+from tests.support import source_rules, telemetry_rules, trip_rules, wheel_rules
 from tests.support.firmware_host import (
     CHECK_S,
     CRUISE,
@@ -39,6 +39,9 @@ from tsd_twin.hardware.dynamixel.servo_models import MODELS
 TILTED = (100, -60, 0, 40, -100, 20)
 NEUTRAL_GOALS = [2048] * 6
 MISSED, PARITY = 0x04, 0x04
+OFF_US, ON_US, LATE_US = 1500, 1550, 20
+"""A switch is off below the first threshold, on above the second, and as before between them; other
+interrupts of the Mega change a pulse by less than the third."""
 
 
 def zero_throttle_from_the_first_millisecond(bench: Bench) -> None:
@@ -793,32 +796,46 @@ def the_radio_control_takes_over_and_gives_back(bench: Bench) -> None:
 
 
 def a_switch_between_its_ends_does_not_chatter(bench: Bench) -> None:
-    """A worn switch, or a stick in its place, around one of the two thresholds."""
-    pilot = bench.pilot(receiver=True).get_driving()
+    """A switch turns only beyond the farther of its two thresholds, whatever pulses come before."""
+    pilot, random = bench.pilot(receiver=True).get_driving(), np.random.default_rng(7)
     sim = pilot.simulation
 
-    def switches(kill_us: int, manual_us: int) -> None:
-        sim.receiver_us[4:] = [kill_us, manual_us]
+    def switches(kill_us: float, manual_us: float) -> None:
+        sim.receiver_us[4:] = [round(kill_us), round(manual_us)]
         sim.board.set_receiver(sim.receiver_us)
 
-    for off_us in range(-6, 7, 3):
-        switches(1525 + off_us, 1500 + off_us)
+    def around(us: float, least: float = 900.0, most: float = 2100.0) -> list[float]:
+        """Any pulses between limits, then pulses that wander around one of them."""
+        near = np.clip(us + np.cumsum(random.normal(0.0, 4.0, 8)), least, most)
+        return [*random.uniform(least, most, 6), *near]
+
+    pairs = zip(around(OFF_US, OFF_US + LATE_US), around(ON_US, most=ON_US - LATE_US), strict=True)
+    for kill_us, manual_us in pairs:
+        switches(kill_us, manual_us)
         seen = pilot.drive(0.06)
         assert (seen.mode, seen.trips) == (BoardMode.ARMED, 0), "both keep their side"
-    switches(1900, 1600)
+    switches(1900, ON_US + LATE_US)
     assert pilot.drive(0.11).mode == BoardMode.RC
-    for off_us in range(-6, 7, 3):
-        switches(1525 + off_us, 1525 + off_us)
+    for manual_us in around(OFF_US, OFF_US + LATE_US):
+        switches(1900, manual_us)
         sim.run(0.06)
-        assert pilot.mode() == BoardMode.RC, "it keeps the robot, taken and given once"
-    switches(1480, 1525)
+        seen = pilot.telemetry()
+        assert (seen.mode, seen.trips) == (BoardMode.RC, 1), "taken once"
+    switches(1900, OFF_US - LATE_US)
     sim.run(0.06)
-    switches(1525, 1480)
+    for manual_us in around(OFF_US, most=ON_US - LATE_US):
+        switches(1900, manual_us)
+        sim.run(0.06)
+        assert pilot.mode() == BoardMode.DISARMED, "given back once"
+    switches(OFF_US - LATE_US, 1100)
+    sim.run(HOLD_S)
+    for kill_us in around(OFF_US, most=ON_US - LATE_US):
+        switches(kill_us, 1100)
+        sim.run(0.06)
+        assert pilot.arm(at_once=True).refusal == Refusal.KILL, "killed until it is clearly at run"
+    switches(ON_US + LATE_US, 1100)
     sim.run(0.06)
-    assert pilot.mode() == BoardMode.DISARMED
-    assert pilot.arm().refusal == Refusal.KILL, "killed until the switch is clearly at run"
-    switches(1900, 1100)
-    sim.run(0.06)
+    assert pilot.arm().mode == BoardMode.ARMED
 
 
 def the_radio_control_begins_with_its_switch_and_no_speed(bench: Bench) -> None:
@@ -976,8 +993,15 @@ def new_ids_make_the_servos_unknown(bench: Bench) -> None:
 
 
 Law = Callable[[Bench], None]
-LAWS: dict[str, Law] = {
-    name: law
-    for name, law in list(globals().items())
-    if callable(law) and getattr(law, "__module__", "") == __name__
-} | source_rules.LAWS
+LAWS: dict[str, Law] = (
+    {
+        name: law
+        for name, law in list(globals().items())
+        if callable(law) and getattr(law, "__module__", "") == __name__
+    }
+    | source_rules.LAWS
+    | wheel_rules.LAWS
+    | trip_rules.LAWS
+)
+ALL_LAWS = LAWS | telemetry_rules.LAWS
+"""With the laws of telemetry, which the Mega does not accept."""

@@ -21,11 +21,10 @@ from tsd_twin.control.logged_controller import (
 )
 from tsd_twin.lie import SE2
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.pose import PoseStamped, encode_pose
 from tsd_twin.messages.status import LoopStatus
-from tsd_twin.messages.topics import Service
+from tsd_twin.messages.topics import Sample, Service
 from tsd_twin.robots import RobotDescription
 from tsd_twin.simulation import SimRobot
 

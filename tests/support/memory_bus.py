@@ -14,7 +14,7 @@ import zenoh
 
 from tests.support.virtual_time import VirtualClock
 from tsd_twin.errors import NoAnswerError
-from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.topics import Sample
 
 _STEP_S = 0.001
 

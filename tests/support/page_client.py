@@ -17,6 +17,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from tests.support.empty_scene import EmptyScene
 from tests.support.priorities import this_thread_is_a_robot
+from tests.support.robot_node import PATIENT
 from tests.support.tls_connection import TlsConnection
 from tests.support.withheld import IN_PROCESS, budget
 from tsd_twin import robots
@@ -40,7 +41,7 @@ T = TypeVar("T")
 
 
 class _Socket(socket.socket):
-    """Socket that loses what is sent to a server that has closed it, as that of a browser does.
+    """Socket that drops messages to a server that has closed it, like a browser's.
 
     The client would take an error for the end, though what the server said last is still to be
     read: why it has closed.
@@ -145,20 +146,22 @@ class Page:
             lambda: next(m for m in [*self.all("reply")[before:], {}] if m["to"] == to)
         )
 
-    def take(self, *, take_over: bool = False) -> dict[str, Any]:
-        return self.answer("lease", t="lease", op="acquire", take_over=take_over)
+    def take(self, *, take_over: bool = False, max_age_s: float | None = None) -> dict[str, Any]:
+        wish = {"op": "acquire", "take_over": take_over, "max_age_s": max_age_s}
+        return self.answer("lease", t="lease", **wish)
 
-    def make_ready(self) -> None:
+    def make_ready(self, max_age_s: float | None = None) -> None:
         """Take control and arm, from whatever state the robot is in."""
         self.until(lambda: self.state)
         # Control may be kept for one who has just left, for a moment.
-        self.until(lambda: self.take(take_over=True)["ok"])
+        self.until(lambda: self.take(take_over=True, max_age_s=max_age_s)["ok"])
         self.until(lambda: self.state["has_control"])
         if self.mode in ("stopped", "fault"):
             self.until(lambda: self.answer("reset", t="reset")["ok"])
             self.until(lambda: self.mode == "disarmed")
         if self.mode == "disarmed":
-            assert self.answer("arm", t="arm")["ok"]
+            answer = self.answer("arm", t="arm")
+            assert answer["ok"], answer
         self.until(lambda: self.mode in ("ready", "stopped", "fault"))
         assert self.mode == "ready", self.state["status"].get("stop")
 
@@ -169,7 +172,7 @@ class Page:
         assert self.mode == "driving", self.state["status"].get("stop")
 
     def let_go(self) -> None:
-        """Let go of the stick: no drive command follows the release."""
+        """Release the stick: no drive command follows."""
         with self._sending:
             self.holds = None
             self.send(t="release")
@@ -303,7 +306,7 @@ class Site:
 @contextmanager
 def robot_on_a_bus(robot_id: str = "tsd") -> Generator[str]:
     """A simulated robot that arms without waiting; yields the endpoint of its bus."""
-    text = robots.read_description("tsd").replace("[motor]", "[motor]\narming_hold_s = 0.0", 1)
+    text = PATIENT.replace("arming_hold_s = 0.1", "arming_hold_s = 0.0", 1)
     robot = robots.parse_description(text, "tsd")
     stop = threading.Event()
     with Bus(node_config(["tcp/127.0.0.1:0"])) as bus:

@@ -99,8 +99,7 @@ _POSE = {
 }
 _MODULE = {
     **_POSE,
-    **dict.fromkeys(("radius_mm", "alpha_setpoint", "beta_setpoint"), 0.0),
-    "set_axle": [0, 0],
+    "radius_mm": 0.0,
     "spinning": False,
     "setpoint": _POSE,
 }
@@ -115,7 +114,6 @@ def robot(robot_id: str) -> dict[str, Any]:
         "id": robot_id,
         "title": robot_id.title(),
         "limits": {"speed_mps": 1.0, "turn_rate_rad_per_s": 3.0},
-        "levels": [20, 50, 80, 100],
         "space": "floor",
         "twist_axes": [{"name": n, "symbol": n, "unit": "m/s"} for n in ("vx", "vy", "omega")],
         "twist_scale_m": 1.0,
@@ -132,7 +130,6 @@ def robot(robot_id: str) -> dict[str, Any]:
         },
         "wheels": [],
         "joints": [],
-        "max_rpm": None,
         "alternative_estimate": None,
         "plot_fields": [],
         "not_promised": [],

@@ -15,7 +15,7 @@ from tsd_twin.bus import Bus, Config, client_config
 from tsd_twin.lie import Array
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import Odometry, decode_joints, decode_odometry, decode_twist
-from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.topics import Sample
 
 PRESSES, PRESS_S = 10, 5.0
 """How often a control is pressed until the robot does what it should, and for how long."""

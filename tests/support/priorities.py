@@ -7,26 +7,30 @@ import os
 from pathlib import Path
 
 REALTIME = os.environ.get("TEST_REALTIME", "").split()
-"""Starts a command in real time, as that of a robot on a machine of its own."""
+"""Starts a command in real time, like a robot's on a dedicated machine."""
 AS_OTHERS = ["chrt", "--other", "0"] if REALTIME else []
-"""Starts a command like those of others: tests in real time would pass their priority on, and what
-only computes would hold up robots."""
+"""Starts a command with normal priority. Otherwise it would inherit the priority of a test in real
+time, and delay robots by its computations."""
 
-ROBOT, TEST, HEAVY = 3, 2, 1
+ROBOT, TEST = 3, 2
 """Priorities in real time: what has little to do and must do it soon comes first."""
-_HEAVY = (b"tsd_dashboard",)
-"""Programs that may take most of a processor, and must not starve robots of other tests. A board in
-its simulator takes most of one, too, but is a robot: its computer takes 0.1 s of silence for a
-fault, and one test at a time has one."""
+_HEAVY, _HEAVY_NICENESS = (b"tsd_dashboard",), -12
+"""Programs that may take most of a processor for a second, for example to draw meshes. In real time
+they would hold up all robots: Linux withholds the processor from real-time processes for 50 ms once
+they have used 950 ms of a second, and servos that are silent for 50 ms are a fault. A board in its
+simulator takes most of a processor, too, but is a robot; one test at a time has one."""
 
 
 def to_realtime(pid: int) -> None:
-    """Let all threads of a process run in real time, as on a machine of its own."""
+    """Let all threads of a process run in real time, or ahead of others in a heavy program."""
     with contextlib.suppress(OSError):  # A thread may have ended.
         command = Path(f"/proc/{pid}/cmdline").read_bytes()
-        priority = HEAVY if any(name in command for name in _HEAVY) else ROBOT
+        heavy = any(name in command for name in _HEAVY)
         for task in Path(f"/proc/{pid}/task").iterdir():
-            os.sched_setscheduler(int(task.name), os.SCHED_RR, os.sched_param(priority))
+            if heavy:
+                os.setpriority(os.PRIO_PROCESS, int(task.name), _HEAVY_NICENESS)
+            else:
+                os.sched_setscheduler(int(task.name), os.SCHED_RR, os.sched_param(ROBOT))
 
 
 def this_thread_is_a_robot() -> None:

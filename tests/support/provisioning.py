@@ -10,7 +10,7 @@ from typing import Any
 from tsd_twin import security
 from tsd_twin.bus import client_config, from_file, node_config
 from tsd_twin.security import Role
-from tsd_twin.security.certificates import KeyFolder, provision
+from tsd_twin.security.key_folder import KeyFolder, provision
 
 NOW = datetime.now(UTC)
 ALICE, BOB, GUEST = (
@@ -39,7 +39,7 @@ def content(path: Path) -> dict[str, bytes]:
 
 
 def setting(path: Path, name: str, key: str) -> Any:
-    """What Zenoh itself makes of a configuration."""
+    """The configuration as Zenoh reads it."""
     return json.loads(from_file(str(path / f"{name}.json5")).parsed().get_json(key))
 
 

@@ -12,10 +12,9 @@ from tests.support.controller_harness import PERIOD_S, ControllerHarness
 from tsd_twin import robots
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import Odometry, encode_joints, encode_odometry
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.status import encode_stamp, encode_status
-from tsd_twin.messages.topics import Service, Topic
+from tsd_twin.messages.topics import Sample, Service, Topic
 from tsd_twin.recording.channels import EntryMaker
 from tsd_twin.recording.mcap_file import RecordingFile
 from tsd_twin.simulation import SimRobot

@@ -39,6 +39,7 @@ class RobotFeed:
         self,
         *,
         pose: Array | None = None,
+        twist: Array | None = None,
         joints: Array | None = None,
         setpoint: Array | None = None,
         truth: Array | None = None,
@@ -49,7 +50,10 @@ class RobotFeed:
         covariance: Array | None = None,
         after_s: float = PERIOD_S,
     ) -> None:
-        """Set the given messages in the snapshot, some time after the last ones."""
+        """Set the given messages in the snapshot, some time after the last ones.
+
+        `twist` (3,) is the estimated twist of `pose`, by default zero.
+        """
         self.now_s += after_s
         said = self.snapshot
         if joints is not None:
@@ -57,7 +61,7 @@ class RobotFeed:
         if setpoint is not None:
             said = replace(said, setpoint=self._joint_state(setpoint))
         if pose is not None:
-            said = replace(said, odom=odometry(pose, covariance))
+            said = replace(said, odom=odometry(pose, covariance, twist))
         if status is not None:
             said = replace(said, status=status)
         if truth is not None:
@@ -76,10 +80,13 @@ class RobotFeed:
         )
 
 
-def odometry(pose: Array, covariance: Array | None = None) -> Odometry:
+def odometry(pose: Array, covariance: Array | None = None, twist: Array | None = None) -> Odometry:
     nothing = np.zeros((3, 3))
     return Odometry(
-        np.asarray(pose, float), np.zeros(3), nothing if covariance is None else covariance, nothing
+        np.asarray(pose, float),
+        np.zeros(3) if twist is None else twist,
+        nothing if covariance is None else covariance,
+        nothing,
     )
 
 

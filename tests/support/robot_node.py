@@ -1,9 +1,11 @@
-"""Robot node on a real bus in a thread of its own, as mock and bridge run it."""
+"""Robot node on a real bus in a separate thread, as mock and bridge run it."""
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import queue
+import tempfile
 import threading
 from collections.abc import Generator
 from dataclasses import dataclass, field
@@ -20,7 +22,7 @@ from tsd_twin.robots import RobotDescription
 from tsd_twin.simulation import SimRobot
 
 PATIENCE_S = 60.0
-"""What is waited for comes within milliseconds, unless it never does."""
+"""Limit of waits that usually take milliseconds."""
 ANY_PORT = "tcp/127.0.0.1:0"
 URDF = '<robot name="tsd"/>'
 QUICK = robots.read_description("tsd").replace("[motor]", "[motor]\narming_hold_s = 0.1", 1)
@@ -30,7 +32,21 @@ PATIENT = (
     .replace("max_command_age_s = 0.21", "max_command_age_s = 1.0")
     .replace("stop_allowance_m = 0.35", "stop_allowance_m = 2.0")
 )
-"""One that takes commands 1 s old at full speed: a busy machine that is late does not stop it."""
+"""One that accepts commands up to 1 s old at full speed, so that delays do not stop it."""
+
+
+@functools.cache
+def _patient_file() -> Any:
+    """Return a file that exists until this process ends, unlike one of a `with` statement."""
+    file = tempfile.NamedTemporaryFile("w", suffix=".toml", encoding="utf-8")  # noqa: SIM115
+    file.write(PATIENT)
+    file.flush()
+    return file
+
+
+def patient_robot() -> list[str]:
+    """Return the flags of a program that simulates `PATIENT`."""
+    return ["--robot", str(_patient_file().name)]
 
 
 @dataclass(slots=True)
@@ -45,7 +61,7 @@ class RunningNode:
     io: RobotIO
     stopping: threading.Event = field(default_factory=threading.Event)
     failure: BaseException | None = None
-    """What ended it, if it did not end by itself."""
+    """Error that ended it, if any."""
 
     def client(self) -> Bus:
         """Return a session that is linked to it."""
@@ -56,9 +72,12 @@ class RunningNode:
 
 @contextlib.contextmanager
 def running(
-    robot_id: str = "tsd", toml: str = QUICK, io: RobotIO | None = None
+    robot_id: str = "tsd", toml: str = PATIENT, io: RobotIO | None = None
 ) -> Generator[RunningNode]:
-    """Run a node, with a simulated robot unless another is given, and end it afterwards."""
+    """Run a node, with a simulated robot unless another is given, and end it afterwards.
+
+    Tests of the shipped command timeout use `QUICK`.
+    """
     robot = robots.parse_description(toml, robot_id)
     io = SimRobot(robot) if io is None else io
     with Bus(node_config([ANY_PORT])) as bus:
@@ -100,7 +119,9 @@ class Mailbox:
 
 def matched(publisher: Publisher) -> Publisher:
     """Wait until the publisher has a matching subscriber."""
-    inner = publisher._publisher
+    inner = getattr(publisher, "_publisher", None)
+    if inner is None:  # One on a bus in memory, which needs no time.
+        return publisher
     heard = threading.Event()
     listener = inner.declare_matching_listener(
         lambda status: heard.set() if status.matching else None

@@ -18,13 +18,13 @@ from tsd_twin.messages import topics
 from tsd_twin.messages.services import Description
 from tsd_twin.node import RobotNode
 from tsd_twin.security import Role
-from tsd_twin.security.certificates import KeyFolder
+from tsd_twin.security.key_folder import KeyFolder
 from tsd_twin.security.router_keys import provision_router, robot_identity
 from tsd_twin.security.router_rules import ALL, RobotRights
 from tsd_twin.simulation import SimRobot
 
 HERS, HIS = "lab1", "lab2"
-"""The robot of Alice, and that of Bob."""
+"""Robots of Alice and Bob."""
 
 
 def rights(use: str = "", watch: str = "") -> RobotRights:

@@ -10,14 +10,16 @@ from pathlib import Path
 
 import tsd_twin
 from tests.app.conftest import Program
+from tests.support.robot_node import patient_robot
 
 PATIENCE_S = 90.0
 
 
 @contextmanager
-def mock_robot() -> Generator[Program]:
-    """A mock that scripts drive, one after the other."""
-    mock = Program(["tsd_mock", "--listen", "tcp/127.0.0.1:0"])
+def mock_robot(*, shipped: bool = False) -> Generator[Program]:
+    """A mock that scripts drive, one after the other; only the shipped robot stops at delays."""
+    flags = [] if shipped else patient_robot()
+    mock = Program(["tsd_mock", "--listen", "tcp/127.0.0.1:0", *flags])
     try:
         mock.ready()
         yield mock
@@ -27,7 +29,7 @@ def mock_robot() -> Generator[Program]:
 
 
 def run_script(script: Path, folder: Path, *arguments: str) -> str:
-    """Run a script with `folder` as its working directory; return what it prints."""
+    """Run a script with `folder` as its working directory; return its output."""
     done = subprocess.run(
         [sys.executable, str(script), *arguments],
         cwd=folder,

@@ -21,7 +21,6 @@ from tsd_twin.bus.session import sample_of
 from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.client.protocol import ControlProtocol
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.services import (
     Description,
     HolderRequest,
@@ -31,10 +30,10 @@ from tsd_twin.messages.services import (
     decode_json,
 )
 from tsd_twin.messages.status import RobotStatus, decode_status
-from tsd_twin.messages.topics import Service
+from tsd_twin.messages.topics import Sample, Service
 from tsd_twin.node import RobotNode
 from tsd_twin.security import Role
-from tsd_twin.security.certificates import KeyFolder, provision
+from tsd_twin.security.key_folder import KeyFolder, provision
 from tsd_twin.simulation import SimRobot
 
 PATIENCE_S = 60.0
@@ -56,7 +55,7 @@ TELL = {
     "key_exprs": ["twin/**", "floor/**"],
 }
 """A session sends only on keys with a known subscriber; a hostile program need not
-care. With this rule everybody is told, so that what is denied is really sent."""
+care. With this rule all declarations are sent, so that denied messages are really put."""
 
 
 class Listener:
@@ -131,7 +130,7 @@ class SecuredRobot:
     @contextlib.contextmanager
     def join(self, name: str) -> Generator[Bus]:
         """Open the bus with the certificate of a client, and wait until it knows the robot."""
-        # What peers say is not passed on to other peers; a hostile program would be no peer.
+        # Messages of peers are not forwarded to other peers; a hostile program would be a client.
         with Bus(self.config(name, mode="client" if self.told else "peer")) as bus:
             alive = threading.Event()
             bus.subscribe_liveliness(topics.alive_key(ID), lambda _key, _lives: alive.set())

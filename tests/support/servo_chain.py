@@ -1,6 +1,7 @@
 """Six simulated MX-64 as a U2D2 has them: with sync read and bus watchdog.
 
-`python -m tests.support.servo_chain PORT` serves them in a process of their own, behind a pty.
+`python -m tests.support.servo_chain PORT` serves them in a separate process, behind a pty, with
+faults by commands: dead, hot or limp and a number from 1, unplug, mend.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ _LAWS = Servos.of(
     robots.description_of_kind(robots.load_robot("tsd"), robots.SingularityDescription), 12.0
 )
 TRIPPED = 255
+COOL_C, HOT_C = 35, 90
 
 
 class ServoChain:
@@ -35,7 +37,7 @@ class ServoChain:
         *,
         steps: int = 0,
     ) -> None:
-        """All stand so many steps beside 2048."""
+        """`steps`: offset of all servos from 2048."""
         self.servos = [Mx64(*servo) for servo in zip(ids, protocols, strict=True)]
         self.bus = ServoBusSimulation(self.servos)
         self.waits = False
@@ -55,7 +57,7 @@ class ServoChain:
         return all(self.register(i, servo_line.BUS_WATCHDOG) == TRIPPED for i in range(6))
 
     def goals(self) -> list[int]:
-        """Return the newest goals."""
+        """Return the latest goals."""
         return [servo.goal for servo in self.servos]
 
     def answer(self, data: bytes, now_s: float) -> bytes:
@@ -87,6 +89,11 @@ class ServoChain:
         answer = self.bus.answer(protocol2.encode(packet))
         return answer[0] if answer else b""
 
+    def mend(self) -> None:
+        """Take all injected faults away."""
+        for servo in self.servos:
+            servo.dead, servo.temperature_c = False, COOL_C
+
     def live(self, now_s: float) -> None:
         """Let time pass until now: servos move until their watchdogs run out."""
         units = self.register(0, servo_line.BUS_WATCHDOG)
@@ -107,10 +114,23 @@ class ServoChain:
 
 def main() -> None:
     """Serve until standard input ends."""
-    peer = Peer(Path(sys.argv[1]), ServoChain().answer)
+    chain = ServoChain()
+    peer = Peer(Path(sys.argv[1]), chain.answer)
     sys.stdout.write(f"ready: {peer.port}\n")
     sys.stdout.flush()
-    sys.stdin.read()
+    for line in sys.stdin:
+        match line.split():
+            case ["dead", number]:
+                chain.servos[int(number) - 1].dead = True
+            case ["hot", number]:
+                chain.servos[int(number) - 1].temperature_c = HOT_C
+            case ["limp", number]:
+                chain.servos[int(number) - 1].switch_off()
+            case ["unplug"]:
+                peer.unplug()
+            case _:
+                chain.mend()
+                peer.plug_in()
     peer.unplug()
 
 

@@ -225,6 +225,7 @@ def tilt(robot: VirtualRobot) -> float:
 NO_SOURCES: Mapping[str, str] = {
     "tsd_twin.bus.session": "the bus itself, which knows no robots",
     "tsd_twin.calibration.bus_drive": "a script with the client library",
+    "tsd_twin.calibration.turning": "a script with the client library",
     "tsd_twin.camera.publisher": "publishes pictures, and poses as a sensor",
     "tsd_twin.client.connection": "carries the commands of pages, scripts, Foxglove and ROS",
     "tsd_twin.client.protocol": "numbers and stamps the commands of all sources on the bus",

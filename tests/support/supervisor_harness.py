@@ -10,9 +10,10 @@ import numpy as np
 from tsd_twin import robots
 from tsd_twin.messages.cdr import BASE, TwistStamped, encode_twist
 from tsd_twin.messages.codes import hardware_reason
-from tsd_twin.messages.commands import Sample, encode_attachment
+from tsd_twin.messages.commands import encode_attachment
 from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.services import LeaseReply, LeaseRequest, StopRequest
+from tsd_twin.messages.topics import Sample
 from tsd_twin.safety import SafetySupervisor
 
 PERIOD_S = 0.01

@@ -35,19 +35,22 @@ from tsd_twin.simulation import SimRobot
 
 _PERIOD_S = 0.01
 _POLL_S = 0.02
-_DESCRIPTION = Description(QUICK, "")
-_ROBOT = robots.parse_description(QUICK, "tsd")
 
 
 class FleetRobotNode:
     """One node with its simulator, which the network can lose."""
 
-    def __init__(self, network: Network, robot_id: str) -> None:
+    def __init__(self, network: Network, robot_id: str, toml: str = QUICK) -> None:
         self.id, self._network = robot_id, network
+        self.robot = robots.parse_description(toml, robot_id)
         before = len(network.servers)
         self._bus = MemoryBus(network)
         self._node = RobotNode(
-            cast("Any", self._bus), robot_id, _ROBOT, SimRobot(_ROBOT), _DESCRIPTION
+            cast("Any", self._bus),
+            robot_id,
+            self.robot,
+            SimRobot(self.robot),
+            Description(toml, ""),
         )
         self._servers = network.servers[before:]
         self._rate, self._ticks = RateKeeper(_PERIOD_S), itertools.count()
@@ -86,6 +89,42 @@ class FleetRobotNode:
         self._network.servers[:] = [*others, *dead]
 
 
+class Periods:
+    """Passing of virtual time with a period of nodes each 10 ms."""
+
+    def __init__(self, clock: VirtualClock, tick: Callable[[float], None]) -> None:
+        self._clock, self._tick = clock, tick
+        self._ticking, self._next_s = False, clock.now_s
+        clock.wait = self.wait
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass."""
+        clock = self._clock
+        end_s = clock.now_s + max(seconds, 1e-6)
+        while clock.now_s < end_s - 1e-9:
+            if self._ticking or clock.now_s < self._next_s - 1e-9:
+                until_s = end_s if self._ticking else min(end_s, self._next_s)
+                clock.advance(max(until_s - clock.now_s, 1e-6))
+                continue
+            self._ticking, self._next_s = True, clock.now_s + _PERIOD_S
+            self._tick(clock.now_s)
+            self._ticking = False
+
+
+class VirtualNode:
+    """Node in virtual time on a bus in memory, in place of a `RunningNode`."""
+
+    def __init__(self, clock: VirtualClock, robot_id: str = "tsd", toml: str = QUICK) -> None:
+        self.id, self._network = robot_id, Network(clock)
+        node = FleetRobotNode(self._network, robot_id, toml)
+        self.robot = node.robot
+        Periods(clock, node.tick)
+
+    def client(self) -> Any:
+        """Return a session on its bus."""
+        return MemoryBus(self._network)
+
+
 class VirtualFleet:
     """Robots by id, a replay on the same bus, and a dashboard that knows all of them."""
 
@@ -105,13 +144,13 @@ class VirtualFleet:
         for key in (topics.STOP.key(self.replay), *(s.key(self.replay) for s in Service)):
             self.bus.queryable(key)
         self._status = self.bus.publisher(topics.STATUS.key(self.replay))
-        self._numbers, self._ticking, self._next_s = itertools.count(1), False, clock.now_s
-        answer = msgspec.json.encode(_DESCRIPTION)
+        self._numbers = itertools.count(1)
+        answer = msgspec.json.encode(Description(QUICK, ""))
         self.links = {
             each: RobotMonitor(cast("Any", self.bus), each, answer)
             for each in (*robot_ids, self.replay)
         }
-        clock.wait = self.wait
+        self.wait = Periods(clock, self._tick).wait
         self.bus.subscribe(topics.EVENT.key("*"), self._on_event)
         self.manager = SessionManager(self.links, cast("Any", EmptyScene()))
 
@@ -126,22 +165,13 @@ class VirtualFleet:
         self.network.held.clear()
         self.nodes[robot_id].find()
 
-    def wait(self, seconds: float) -> None:
-        """Let time pass, with a period of all nodes each 10 ms."""
-        end_s = self.clock.now_s + max(seconds, 1e-6)
-        while self.clock.now_s < end_s - 1e-9:
-            if self._ticking or self.clock.now_s < self._next_s - 1e-9:
-                until_s = end_s if self._ticking else min(end_s, self._next_s)
-                self.clock.advance(max(until_s - self.clock.now_s, 1e-6))
-                continue
-            self._ticking, self._next_s = True, self.clock.now_s + _PERIOD_S
-            for node in self.nodes.values():
-                node.tick(self.clock.now_s)
-            number = next(self._numbers)
-            if number % 5 == 0:
-                status = RobotStatus("ready", hardware={"kind": RECORDING})
-                self._status.put(encode_status(status), encode_stamp(number, 0))
-            self._ticking = False
+    def _tick(self, now_s: float) -> None:
+        for node in self.nodes.values():
+            node.tick(now_s)
+        number = next(self._numbers)
+        if number % 5 == 0:
+            status = RobotStatus("ready", hardware={"kind": RECORDING})
+            self._status.put(encode_status(status), encode_stamp(number, 0))
 
     def _note_stop(self, sample: Any) -> None:
         self.stops.append(topics.robot_of(sample.key))

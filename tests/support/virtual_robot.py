@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -77,15 +78,17 @@ class TurnTaking:
     """What `DeviceThread` does, in turn with the node: a cycle when one is requested."""
 
     def __init__(self, port: str, device: serial.Device) -> None:
-        self._device = device
-        self._transport = serial.SerialTransport(port, device.baud)
-        device.connect(self._transport)
+        self.loop = serial.DeviceLoop(port, device)
+        self._stepped_s = time.monotonic()
 
     def cycle(self) -> None:
-        self._device.cycle(self._transport)
+        """Exchange data; while disconnected, attempt to connect if it is time."""
+        if self.loop.connected or time.monotonic() - self._stepped_s >= self.loop.pause_s:
+            self.loop.step()
+            self._stepped_s = time.monotonic()
 
     def close(self) -> None:
-        self._device.rest(self._transport)
+        self.loop.close()
 
 
 class VirtualRobot:
@@ -221,7 +224,7 @@ class VirtualRobot:
         """Let a program that looks at nothing ask the board to arm; return its refusal."""
         board, at_rest = self._board, np.zeros(9)
         wheels = self.io._wheels if isinstance(self.io, U2D2IO) else self.io
-        transport = wheels._thread._transport
+        transport = wheels._thread.loop._transport
         for i in range(6):
             heartbeat = Heartbeat(i > 2, i)
             board.command = JointCommand(at_rest, heartbeat, self.clock.now_s)

@@ -45,7 +45,7 @@ class Node:
     wxyz: Any = (1.0, 0.0, 0.0, 0.0)
     visible: bool = True
     virtual: bool = False
-    """Parent that was created for its children, without a message of its own."""
+    """Parent that was created for its children, without a separate message."""
 
 
 @dataclass

@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -27,6 +28,23 @@ PERIOD_S = 0.01
 _BYTE_S, _TURN_S = 1e-5, 0.0005
 _RECONNECT_S = 0.25
 _WATCHED_S = 2.0
+
+
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class Fault(Generic[R]):
+    """Fault while a robot drives, whose machine is an `R`."""
+
+    what: str
+    inject: Callable[[R], object]
+    mend: Callable[[R], object]
+    before: str
+    """Steps before anything moves again."""
+    codes: frozenset[str]
+    mega_s: float
+    """Time until the wheels of the robot with the Mega are off after the same fault."""
 
 
 class VirtualLine:
@@ -151,7 +169,7 @@ class WheelRig:
         self.run(0.5)
         return self.driven
 
-    def harm(self, fault: Fault) -> None:
+    def harm(self, fault: Fault[WheelRig]) -> None:
         """Inject a fault while driving, and watch what happens."""
         assert self.get_driving()
         self.codes.clear()
@@ -161,20 +179,6 @@ class WheelRig:
 
 
 Act = Callable[[WheelRig], object]
-
-
-@dataclass(frozen=True)
-class Fault:
-    """A fault while the robot drives."""
-
-    what: str
-    inject: Act
-    mend: Act
-    before: str
-    """What has to be done before anything moves again."""
-    codes: frozenset[str]
-    mega_s: float
-    """When the wheels of the robot with the Mega are off after the same fault."""
 
 
 def _all(it: WheelRig, act: Callable[[XServo], object]) -> None:
@@ -256,7 +260,7 @@ FAULTS = (
 )  # fmt: skip
 
 
-def row(name: str, fault: Fault) -> str:
+def row(name: str, fault: Fault[WheelRig]) -> str:
     """Return the row of a fault."""
     rig = WheelRig(name)
     rig.harm(fault)

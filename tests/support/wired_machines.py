@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -12,6 +13,7 @@ from types import SimpleNamespace
 
 import can
 import pytest
+import serial
 
 from tests.support.can_motors import Motor, MotorBus
 from tests.support.faulty_devices import PretendBoard
@@ -27,7 +29,12 @@ from tsd_twin.hardware import (
     u2d2,
     wheel_bus,
 )
-from tsd_twin.hardware.dynamixel.control_table import ZERO_THROTTLE, BoardCommand, ResetCause
+from tsd_twin.hardware.dynamixel.control_table import (
+    ZERO_THROTTLE,
+    BoardCommand,
+    ResetCause,
+    Wheels,
+)
 
 PUSH_STEPS = 12
 BATTERY_V = 12.0
@@ -52,7 +59,7 @@ MEASURED = {
 
 
 Answer = Callable[[bytes, float], bytes]
-_IDLE_S = 0.02
+_IDLE_S, _EXCHANGE_S = 0.02, 0.002
 _ASKED_S = 1.0
 
 
@@ -72,11 +79,18 @@ class Bench:
                 super().__init__(port, device)
                 bench.idle.append(self.cycle)
 
+            def cycle(self) -> None:
+                super().cycle()
+                bench.cycled_s = bench.clock.now_s
+
             def close(self) -> None:
-                bench.idle.remove(self.cycle)
-                super().close()
+                if self.cycle in bench.idle:
+                    bench.idle.remove(self.cycle)
+                    super().close()
 
         self.idle: list[Callable[[], object]] = []
+        self.cycled_s = self.clock.now_s
+        """End of the latest cycle of a serial device."""
         self.most_driven = 0
         """Most wheels that were driven at once."""
         patch.setattr(serial_transport, "open_port", self._open)
@@ -91,13 +105,31 @@ class Bench:
 
     def _open(self, name: str, _baud: int, _timeout_s: float) -> VirtualPort:
         answers: deque[bytes] = deque()
+        answer = self.ports.get(name)
+        if answer is None:
+            raise serial_transport.HardwareError(f"{name} is not there")
+
+        def check() -> None:
+            if self.ports.get(name) is not answer:
+                raise serial.SerialException("unplugged")
 
         def send(data: bytes) -> None:
-            answers.append(self.ports[name](data, self.clock.now_s))
+            check()
+            answers.append(answer(data, self.clock.now_s))
 
-        return VirtualPort(
-            self.clock, send, lambda: b"".join(answers.popleft() for _ in range(len(answers)))
-        )
+        def receive() -> bytes:
+            check()
+            return b"".join(answers.popleft() for _ in range(len(answers)))
+
+        return VirtualPort(self.clock, send, receive)
+
+    def plug_in(self, name: str, answer: Answer) -> None:
+        """Connect a device under a name; a port that was opened before stays dead."""
+        self.ports[name] = partial(answer)
+
+    def unplug(self, name: str) -> None:
+        """Remove a device."""
+        self.ports.pop(name, None)
 
     def watch(self, wheels: Sequence[WatchedMotor | WatchedServo]) -> None:
         """Count how many wheels are driven at once."""
@@ -109,11 +141,42 @@ class Bench:
 
     def think(self) -> None:
         """Let the time pass in which a person reads, acts and answers."""
-        end_s = self.clock.now_s + _ASKED_S
+        self.idle_for(_ASKED_S)
+
+    def idle_for(self, seconds: float) -> None:
+        """Let the I/O threads run alone."""
+        end_s = self.clock.now_s + seconds
         while self.clock.now_s < end_s:
             for cycle in self.idle:
                 cycle()
             self.clock.advance(_IDLE_S)
+
+
+class Wires(Bench):
+    """Devices in virtual time, whose I/O threads run while a test sleeps."""
+
+    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+        super().__init__(patch)
+        self._is_cycling = False
+        self.clock.wait = self._wait
+
+    def plug_in(self, name: str, answer: Answer) -> None:
+        """Connect a device, which answers after the time that a line takes."""
+
+        def late(data: bytes, _now_s: float) -> bytes:
+            self.clock.advance(_EXCHANGE_S)
+            return answer(data, self.clock.now_s)
+
+        super().plug_in(name, late)
+
+    def _wait(self, seconds: float) -> None:
+        self.clock.advance(seconds)
+        if self._is_cycling or self.clock.now_s < self.cycled_s + _IDLE_S:
+            return
+        self._is_cycling = True
+        for cycle in list(self.idle):
+            cycle()
+        self._is_cycling = False
 
 
 class _CanTurn:
@@ -178,6 +241,11 @@ class WiredMega(PretendBoard):
         self.esc_order = [0, 1, 2]
         self.esc_signs = [1, 1, 1]
         self.speed_factor = 1.0
+        self.sensor_rpm = 0.0
+        """Speed of a turning wheel; 0 without wheel sensors."""
+        self.sensor_wheels: list[int | None] = [0, 1, 2]
+        """Wheel at each sensor input."""
+        self.hand_turned: int | None = None
         self.noise = 0
         """Servo errors for each telemetry."""
         self.pushed: int | None = None
@@ -226,7 +294,24 @@ class WiredMega(PretendBoard):
             battery_mv=round(1000 * BATTERY_V * self.divider),
             servo_errors=self.telemetry.servo_errors + self.noise,
         )
+        self._measure_wheels()
         super()._refresh()
+
+    def _measure_wheels(self) -> None:
+        """Measure wheels that turn by their motors, or by hand."""
+        turns = [False] * 3
+        if self.commands and self.commands[-1].arm == 1:
+            for esc, throttle in zip(self.esc_order, self.commands[-1].throttle, strict=True):
+                turns[esc] = throttle > ZERO_THROTTLE
+        rpm = [self.sensor_rpm * self.speed_factor * turns[i] for i in range(3)]
+        if self.hand_turned is not None:
+            rpm[self.hand_turned] = 60.0
+        seen = [
+            round(rpm[i]) if i is not None and self.sensor_rpm else 0 for i in self.sensor_wheels
+        ]
+        measured = self.wheels.wheel_measured | sum(1 << i for i, it in enumerate(seen) if it)
+        ages = tuple(5 if it else 255 for it in seen)
+        self.wheels = Wheels(measured, tuple(seen), ages)
 
     def turned(self) -> tuple[int, bool]:
         """Return the wheel that turned, from 1, and whether along its arrow."""
@@ -311,6 +396,8 @@ class Person:
             self.mega.stop()
         gimbal = _gimbal(question)
         self.mega.pushed = gimbal if "by hand in its" in question else None
+        by_hand = re.search(r"turn wheel (\d).* by hand", question)
+        self.mega.hand_turned = int(by_hand[1]) - 1 if by_hand else None
 
     def _push(self, question: str, chain: ServoChain) -> None:
         for i, servo in enumerate(chain.servos):

@@ -12,6 +12,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from msgspec import structs
+
 from tests.support.servo_chain import ServoChain
 from tests.support.wired_machines import (
     Bench,
@@ -27,7 +29,7 @@ from tsd_twin.hardware.can_wheels import CanWheelsIO
 from tsd_twin.hardware.commissioning.check import check
 from tsd_twin.hardware.commissioning.findings import FindingCode
 from tsd_twin.hardware.commissioning.sheet import Result, Sheet
-from tsd_twin.hardware.commissioning.steps import Step, Swing, Tilt, Turn, steps_for
+from tsd_twin.hardware.commissioning.steps import HandTurn, Step, Swing, Tilt, Turn, steps_for
 from tsd_twin.hardware.commissioning.walk import Commissioned
 from tsd_twin.hardware.dynamixel_wheels import DynamixelWheelsIO
 from tsd_twin.hardware.joints import MotorControllers, Receiver, ServoCalibration
@@ -39,6 +41,7 @@ from tsd_twin.robots import (
     description_of_kind,
     load_robot,
 )
+from tsd_twin.robots.singularity import WheelSensor
 from tsd_twin.simulation import Motors
 
 TSD = description_of_kind(load_robot("tsd"), SingularityDescription)
@@ -52,12 +55,13 @@ class Wired:
     robot: RobotDescription = TSD
     kind: str
     plan: str
-    receiver = False
+    receiver = hall_sensors = False
     person: Person
 
     def steps(self) -> tuple[Step, ...]:
         """Return its steps."""
-        return steps_for(self.kind, self.robot.kinematics().joints, receiver=self.receiver)
+        joints = self.robot.kinematics().joints
+        return steps_for(self.kind, joints, receiver=self.receiver, hall_sensors=self.hall_sensors)
 
     def begin(self, file: Path, until: str) -> None:
         """Write the sheet of a machine that passed all motions before a step."""
@@ -65,7 +69,7 @@ class Wired:
         for step in self.steps():
             if step.name == until:
                 break
-            if isinstance(step, (Tilt, Swing, Turn)):
+            if isinstance(step, (Tilt, HandTurn, Swing, Turn)):
                 sheet.results.append(Result(step.name, "2026-01-01T00:00:00+00:00"))
         sheet.save(file)
 
@@ -106,7 +110,8 @@ class MegaMachine(Wired):
 
     def connect(self) -> Commissioned:
         calibration = ServoCalibration(receiver=Receiver())
-        return ArduinoMegaIO(TSD, "board", Motors.of(TSD), calibration)
+        robot = description_of_kind(self.robot, SingularityDescription)
+        return ArduinoMegaIO(robot, "board", Motors.of(robot), calibration)
 
     @property
     def driven(self) -> bool:
@@ -115,6 +120,24 @@ class MegaMachine(Wired):
     def telemetry(self, **values: object) -> None:
         """Replace what the board measures."""
         self.board.telemetry = replace(self.board.telemetry, **values)
+
+
+class MegaWithSensors(MegaMachine):
+    """Mega with Hall sensors at its wheels."""
+
+    hall_sensors = True
+    robot = structs.replace(TSD, wheel_sensor=WheelSensor(pulses_per_turn=4))
+
+    def __init__(self, bench: Bench) -> None:
+        super().__init__(bench)
+        self.board.sensor_rpm = self.person.rpm
+
+
+class Rp2040WithTelemetry(MegaWithSensors):
+    """Board with an RP2040 and telemetry wires of the ESCs."""
+
+    hall_sensors = False
+    robot = structs.replace(TSD, wheel_sensor=WheelSensor(kind="telemetry", pole_pairs=7))
 
 
 class BusWheels(Wired):
@@ -137,17 +160,48 @@ class BusWheels(Wired):
 
 
 class CanMachine(Wired):
+    """Wheels with motor controllers on CAN."""
+
+    wheels: MotorControllers
+
+    def __init__(self, bench: Bench) -> None:
+        self.motors = [WatchedMotor(i, self.wheels.kind) for i in self.wheels.ids]
+        self.person = Person(bench, {"Voltage of the battery": "24.0"}, wheels=self.motors)
+        bench.motors = VirtualMotors(bench.clock, self.motors)
+        bench.watch(self.motors)
+
+    def set_motors(self, *motors: int, **values: object) -> None:
+        """Set values of motors, from 1."""
+        for i in motors:
+            for name, value in values.items():
+                setattr(self.motors[i - 1], name, value)
+
+    def connect(self) -> Commissioned:
+        return CanWheelsIO(self.robot, "virtual:", self.wheels)
+
+    @property
+    def driven(self) -> bool:
+        return any(motor.driven for motor in self.motors)
+
+
+class CanWheelsMachine(CanMachine):
+    """Kiwi with a moteus at each wheel."""
+
+    kind, plan = "can", "can_wheels"
+    robot = description_of_kind(load_robot("kiwi"), OmniDescription)
+    wheels = MotorControllers("moteus", [1, 2, 3])
+
+
+class U2D2Machine(CanMachine):
     """Gimbals on a U2D2, and wheels with VESC."""
 
     kind, plan = "u2d2+can", "u2d2_can"
+    wheels = MotorControllers("vesc", [1, 2, 3])
 
     def __init__(self, bench: Bench) -> None:
-        self.motors = [WatchedMotor(i, "vesc") for i in (1, 2, 3)]
-        self.person = Person(bench, {"Voltage of the battery": "24.0"}, wheels=self.motors)
+        super().__init__(bench)
         self._bench = bench
         self.set_ids(_IDS)
-        bench.motors = VirtualMotors(bench.clock, self.motors)
-        bench.watch(self.motors)
 
     def set_ids(self, ids: tuple[int, ...]) -> None:
         """Replace the servos by some with other ids."""
@@ -158,19 +212,9 @@ class CanMachine(Wired):
         """Set the model number of a servo, from 1."""
         self.chain.servos[servo - 1]._memory[0:2] = model.to_bytes(2, "little")
 
-    def set_motors(self, *motors: int, **values: object) -> None:
-        """Set values of motors, from 1."""
-        for i in motors:
-            for name, value in values.items():
-                setattr(self.motors[i - 1], name, value)
-
     def connect(self) -> Commissioned:
-        wheels = CanWheelsIO(TSD, "virtual:", MotorControllers("vesc", [1, 2, 3]))
+        wheels = CanWheelsIO(TSD, "virtual:", self.wheels)
         return U2D2IO(TSD, wheels, "servos", Motors.of(TSD), ServoCalibration())
-
-    @property
-    def driven(self) -> bool:
-        return any(motor.driven for motor in self.motors)
 
 
 @dataclass(frozen=True)
@@ -259,6 +303,16 @@ ERRORS = (
     _mega("two wires of motor 1 swapped", "turn_module1_wheel", _Code.WHEEL_REVERSED,
           esc_signs=[-1, 1, 1]),
     _mega("throttle range too small", "turn_module1_wheel", _Code.WHEEL_SPEED, speed_factor=2.0),
+    WiringError(MegaWithSensors, "sensors of wheels 1 and 2 swapped", "sensor_module1_wheel",
+                _Code.WHEEL_SENSOR, harm=_of("board", sensor_wheels=[1, 0, 2])),
+    WiringError(MegaWithSensors, "wire of sensor 3 off", "sensor_module3_wheel",
+                _Code.WHEEL_SENSOR, harm=_of("board", sensor_wheels=[0, 1, None])),
+    WiringError(MegaWithSensors, "sensors swapped after their check", "turn_module1_wheel",
+                _Code.WHEEL_SENSOR, harm=_of("board", sensor_wheels=[1, 0, 2])),
+    WiringError(MegaWithSensors, "ESCs 1 and 2 swapped, with sensors", "turn_module1_wheel",
+                _Code.WHEEL_SWAPPED, harm=_of("board", esc_order=[1, 0, 2])),
+    WiringError(Rp2040WithTelemetry, "telemetry wires 1 and 2 swapped", "turn_module1_wheel",
+                _Code.WHEEL_SENSOR, harm=_of("board", sensor_wheels=[1, 0, 2])),
     WiringError(BusWheels, "plus and minus touch", "short_circuit", _Code.MEASURED,
                 {"from + to -": "0.4"}),
     WiringError(BusWheels, "battery reversed", "polarity", _Code.MEASURED,
@@ -279,40 +333,67 @@ ERRORS = (
                 harm=lambda it: setattr(it.person, "wheels", _swapped(it.servos))),
     WiringError(BusWheels, "servo 2 mounted reversed", "turn_wheel2", _Code.WHEEL_REVERSED,
                 harm=_of("person", wheel_signs=(1, -1, 1))),
-    WiringError(CanMachine, "one terminator", "termination", _Code.MEASURED, {"CAN high": "120"}),
-    WiringError(CanMachine, "no auxiliary contact", "stop", _Code.NOT_CONFIRMED,
+    WiringError(U2D2Machine, "one terminator", "termination", _Code.MEASURED, {"CAN high": "120"}),
+    WiringError(U2D2Machine, "no auxiliary contact", "stop", _Code.NOT_CONFIRMED,
                 {"press and release the stop: did": "n"}),
-    WiringError(CanMachine, "servo 4 without data", "connection", _Code.NO_CONNECTION,
+    WiringError(U2D2Machine, "servo 4 without data", "connection", _Code.NO_CONNECTION,
                 harm=lambda it: setattr(it.chain.servos[3], "dead", True)),
-    WiringError(CanMachine, "servo 2 of another model", "connection", _Code.NO_CONNECTION,
+    WiringError(U2D2Machine, "servo 2 of another model", "connection", _Code.NO_CONNECTION,
                 harm=lambda it: it.set_model(2, 1060)),
-    WiringError(CanMachine, "two servos with id 1", "connection", _Code.NO_CONNECTION,
+    WiringError(U2D2Machine, "two servos with id 1", "connection", _Code.NO_CONNECTION,
                 harm=lambda it: it.set_ids((1, 1, 3, 4, 5, 6))),
-    WiringError(CanMachine, "controller 2 without CAN", "connection", _Code.NO_CONNECTION,
+    WiringError(U2D2Machine, "controller 2 without CAN", "connection", _Code.NO_CONNECTION,
                 harm=lambda it: it.set_motors(2, mute=True, deaf=True)),
-    WiringError(CanMachine, "two controllers with id 1", "connection", _Code.NO_CONNECTION,
+    WiringError(U2D2Machine, "two controllers with id 1", "connection", _Code.NO_CONNECTION,
                 harm=lambda it: it.set_motors(2, id=1)),
-    WiringError(CanMachine, "CAN high and low swapped", "connection", _Code.NO_CONNECTION,
+    WiringError(U2D2Machine, "CAN high and low swapped", "connection", _Code.NO_CONNECTION,
                 harm=lambda it: it.set_motors(1, 2, 3, mute=True, deaf=True)),
-    WiringError(CanMachine, "timeout of controller 1 off", "connection", _Code.NO_CONNECTION,
+    WiringError(U2D2Machine, "timeout of controller 1 off", "connection", _Code.NO_CONNECTION,
                 harm=lambda it: it.set_motors(1, timeout_s=0.0)),
-    WiringError(CanMachine, "status of controller 3 off", "connection", _Code.NO_CONNECTION,
+    WiringError(U2D2Machine, "status of controller 3 off", "connection", _Code.NO_CONNECTION,
                 harm=lambda it: it.set_motors(3, status=0)),
-    WiringError(CanMachine, "branch of servo 5 with a bad contact", "servos", _Code.SERVO_SUPPLY,
+    WiringError(U2D2Machine, "branch of servo 5 with a bad contact", "servos", _Code.SERVO_SUPPLY,
                 harm=lambda it: setattr(it.chain.servos[4], "volts", 10.5)),
-    WiringError(CanMachine, "fuse holder of controller 2 bad", "controllers",
+    WiringError(U2D2Machine, "fuse holder of controller 2 bad", "controllers",
                 _Code.CONTROLLER_SUPPLY, harm=lambda it: it.set_motors(2, volts=22.0)),
-    WiringError(CanMachine, "ids 1 and 2 swapped", "tilt_module1_alpha", _Code.JOINT_SWAPPED,
+    WiringError(U2D2Machine, "ids 1 and 2 swapped", "tilt_module1_alpha", _Code.JOINT_SWAPPED,
                 harm=lambda it: it.set_ids((2, 1, 3, 4, 5, 6))),
-    WiringError(CanMachine, "servo 1 mounted reversed", "tilt_module1_alpha", _Code.JOINT_REVERSED,
+    WiringError(U2D2Machine, "servo 1 mounted reversed", "tilt_module1_alpha", _Code.JOINT_REVERSED,
                 harm=_of("person", push_sign=-1)),
-    WiringError(CanMachine, "controllers 1 and 2 swapped", "turn_module1_wheel",
+    WiringError(U2D2Machine, "controllers 1 and 2 swapped", "turn_module1_wheel",
                 _Code.WHEEL_SWAPPED,
                 harm=lambda it: setattr(it.person, "wheels", _swapped(it.motors))),
-    WiringError(CanMachine, "two wires of motor 1 swapped", "turn_module1_wheel",
+    WiringError(U2D2Machine, "two wires of motor 1 swapped", "turn_module1_wheel",
                 _Code.WHEEL_REVERSED, harm=_of("person", wheel_signs=(-1, 1, 1))),
-    WiringError(CanMachine, "pole pairs of motor 1", "turn_module1_wheel", _Code.WHEEL_SPEED,
+    WiringError(U2D2Machine, "pole pairs of motor 1", "turn_module1_wheel", _Code.WHEEL_SPEED,
                 harm=lambda it: it.set_motors(1, pole_pairs=14)),
+    WiringError(CanWheelsMachine, "plus and minus touch", "short_circuit", _Code.MEASURED,
+                {"from + to -": "0.4"}),
+    WiringError(CanWheelsMachine, "diode of the coil reversed", "coil_diode", _Code.MEASURED,
+                {"minus end": "9"}),
+    WiringError(CanWheelsMachine, "no precharge resistor", "precharge", _Code.MEASURED,
+                {"precharge button": "1e6"}),
+    WiringError(CanWheelsMachine, "three terminators", "termination", _Code.MEASURED,
+                {"CAN high": "40"}),
+    WiringError(CanWheelsMachine, "no auxiliary contact", "stop", _Code.NOT_CONFIRMED,
+                {"press and release the stop: did": "n"}),
+    WiringError(CanWheelsMachine, "controller 2 without CAN", "connection", _Code.NO_CONNECTION,
+                harm=lambda it: it.set_motors(2, mute=True, deaf=True)),
+    WiringError(CanWheelsMachine, "two controllers with id 1", "connection", _Code.NO_CONNECTION,
+                harm=lambda it: it.set_motors(2, id=1)),
+    WiringError(CanWheelsMachine, "CAN high and low swapped", "connection", _Code.NO_CONNECTION,
+                harm=lambda it: it.set_motors(1, 2, 3, mute=True, deaf=True)),
+    WiringError(CanWheelsMachine, "voltage lost before the controllers", "battery",
+                _Code.BATTERY_DIFFERS, {"Voltage of the battery": "25.1"}),
+    WiringError(CanWheelsMachine, "fuse holder of controller 2 bad", "controllers",
+                _Code.CONTROLLER_SUPPLY, harm=lambda it: it.set_motors(2, volts=22.0)),
+    WiringError(CanWheelsMachine, "magnet of encoder 1 missing", "turn_wheel1", _Code.FAULT,
+                harm=lambda it: it.set_motors(1, fault=35)),
+    WiringError(CanWheelsMachine, "controllers 1 and 2 swapped", "turn_wheel1",
+                _Code.WHEEL_SWAPPED,
+                harm=lambda it: setattr(it.person, "wheels", _swapped(it.motors))),
+    WiringError(CanWheelsMachine, "motor 2 mounted reversed", "turn_wheel2", _Code.WHEEL_REVERSED,
+                harm=_of("person", wheel_signs=(1, -1, 1))),
 )  # fmt: skip
 
 

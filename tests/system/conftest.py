@@ -1,4 +1,4 @@
-"""The one table that all tests of faults add to."""
+"""The shared table of all fault tests."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tests.support.result_table import Table
 
 @pytest.fixture(scope="session")
 def table(request: pytest.FixtureRequest) -> Generator[Table]:
-    """Print it when all is over."""
+    """Print the table at the end."""
     it = Table()
     yield it
     plugins = request.config.pluginmanager

@@ -1,8 +1,8 @@
-"""Somebody hostile: `python -m tests.system.hostile ENDPOINT ROBOT SEED COUNT [WORD ...]`.
+"""Hostile peer: `python -m tests.system.hostile ENDPOINT ROBOT SEED COUNT [WORD ...]`.
 
-Sends malformed samples and requests as fast as the bus takes them, on every key there is. Without
-the word `stop` nothing that may stop the robot: anybody may do that, with whatever payload. With
-`ask` only requests, which cost the robot more than samples.
+Sends malformed samples and requests at full speed, on every key. Only with the word `stop` does it
+send messages that may stop the robot, because any peer may send those. With `ask` it sends only
+requests, which cost the robot more than samples.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from tsd_twin.messages.commands import encode_attachment
 from tsd_twin.messages.topics import Service
 
 _ASKS, _DELETES = 0.1, 0.1
-"""Shares of requests and deletions; all else is put."""
+"""Fractions of requests and deletions; the rest are puts."""
 _WILD = (np.nan, np.inf, -np.inf, 1e308, -1e308, 5e-324)
 
 
@@ -49,7 +49,7 @@ def keys(robot: str, random: random.Random, *, stop: bool) -> list[str]:
 
 
 def payload(random: random.Random) -> bytes:
-    """Return something that nobody should have sent."""
+    """Return an invalid payload."""
     makers: list[Callable[[], bytes]] = [
         lambda: b"",
         lambda: random.randbytes(random.randrange(200)),
@@ -66,13 +66,13 @@ def payload(random: random.Random) -> bytes:
 
 
 def twist(random: random.Random, wild: tuple[float, ...] = ()) -> bytes:
-    """Return a command with wild numbers, or in a frame that there is not."""
+    """Return a command with wild numbers or an unknown frame."""
     numbers = np.array([random.choice([*wild, random.gauss(0.0, 1.0)]) for _ in range(6)])
     return encode_twist(TwistStamped(random.choice([BASE, BASE, "map", "b" * 300]), numbers))
 
 
 def text(random: random.Random) -> str:
-    """Return JSON that is almost a request, or one that nobody is entitled to."""
+    """Return almost valid JSON requests, or valid ones without permission."""
     wild = ["00" * 16, random.randbytes(16).hex(), "", None, 1e999, -1, [], {}, "x" * 3000, True]
     fields = ("lease", "operator", "op", "take_over", "max_age_s", "x_m", "y_m", "heading_rad")
     made = {field: random.choice(wild) for field in fields if random.random() < 0.7}
@@ -82,7 +82,7 @@ def text(random: random.Random) -> str:
 
 
 def attachment(random: random.Random) -> bytes | None:
-    """Return what may hang on a sample: nothing, noise, or a made-up lease."""
+    """Return an attachment for a sample: none, noise, or a made-up lease."""
     kind = random.randrange(4)
     if kind == 0:
         return None
@@ -94,10 +94,10 @@ def attachment(random: random.Random) -> bytes | None:
 
 
 def main(endpoint: str, robot: str, seed: int, count: int, what: list[str]) -> None:
-    """Send, and end when all is out."""
+    """Send the samples, and exit when all are sent."""
     stop, asks = "stop" in what, 1.0 if "ask" in what else _ASKS
     dice = random.Random(seed)  # noqa: S311  A flood that can be sent again is what is wanted.
-    # Made before: the making takes longer than the sending.
+    # Built in advance, because building is slower than sending.
     payloads = [payload(dice) for _ in range(400)]
     attachments = [attachment(dice) for _ in range(100)]
     services = [s.key(robot) for s in Service if stop or s is not Service.STOP]
@@ -123,7 +123,7 @@ def main(endpoint: str, robot: str, seed: int, count: int, what: list[str]) -> N
                     attachment=dice.choice(attachments),
                     congestion_control=zenoh.CongestionControl.BLOCK,
                 )
-        # An answer comes after all that was asked before.
+        # A reply arrives after all earlier requests were processed.
         list(session.get(Service.DESC.key(robot), timeout=5.0))
 
 

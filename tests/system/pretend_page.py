@@ -1,9 +1,8 @@
-"""A page without a browser, in a process of its own: `python -m tests.system.pretend_page URL`.
+"""A page without a browser, as a separate process: `python -m tests.system.pretend_page URL`.
 
-Speaks `docs/teleop.md`. What its hand does comes as lines on standard input: `ready [MAX_AGE_S]`,
-`push VX`, `insist VX` (as a person who, let go of, takes control and pushes again), `release`,
-`freeze` (sends no more commands, and says nothing about it), `close`. What it notices goes out as
-lines of JSON.
+Implements `docs/teleop.md`. Reads actions as lines on standard input: `ready [MAX_AGE_S]`,
+`push VX`, `insist VX` (like a person who, after a forced release, takes control and pushes again),
+`release`, `freeze` (stops sending without notice), `close`. Writes observations as lines of JSON.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ _ASK_AGAIN_S = 0.5
 
 
 class Hand:
-    """What the person in front of the page wants."""
+    """Intention of the simulated user."""
 
     def __init__(self) -> None:
         self.vx: float | None = None
@@ -35,7 +34,7 @@ class Hand:
 
 
 class Page:
-    """One teleop socket and a hand."""
+    """One teleop socket and its user."""
 
     def __init__(self, socket: ClientConnection) -> None:
         self._socket = socket
@@ -44,7 +43,7 @@ class Page:
         self._asked_s = 0.0
 
     async def run(self) -> None:
-        """Listen and speak until the socket is closed."""
+        """Receive and send until the socket is closed."""
         tasks = [asyncio.create_task(self._speak()), asyncio.create_task(self._obey())]
         try:
             async for text in self._socket:
@@ -84,7 +83,7 @@ class Page:
                 pass
 
     async def _get_ready(self, state: dict[str, Any]) -> None:
-        """Take the next step on the way to `ready`."""
+        """Take the next step towards `ready`."""
         mode = state["status"]["mode"]
         if state["has_control"] and mode == "ready":
             if self._hand.wants_ready:
@@ -121,7 +120,7 @@ class Page:
                     await self._say(t="release")
             case "close":
                 hand.vx = None
-                tell("done", what)  # Closing ends all of this, and then nothing is told any more.
+                tell("done", what)  # Closing ends all tasks, so report first.
                 await self._socket.close()
                 return
             case _:
@@ -130,7 +129,7 @@ class Page:
 
 
 def tell(what: str, why: str = "") -> None:
-    """Say what happened, and when."""
+    """Report an event and its time."""
     sys.stdout.write(json.dumps({"what": what, "why": why, "at_s": time.monotonic()}) + "\n")
     sys.stdout.flush()
 

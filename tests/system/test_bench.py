@@ -1,4 +1,4 @@
-"""Benchmarks: every part runs, ratios are judged by target and machine, and machines compare."""
+"""Benchmarks: every part runs, ratios are judged per target and machine, machines compare."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bench.table import BUSY, MAX_WITHHELD, MISS, OK, Row, Run, compare, write_j
 from bench.targets import TARGETS
 
 ROOT = Path(__file__).parents[2]
-BROWSER = {"firmware", "bridge", "page", "plots", "response"}
+HEAVY = {"firmware", "bridge", "page", "pictures", "plots", "response", "router"}
 NAME = "kinematics.single"
 LIMIT = TARGETS[NAME].limit
 
@@ -27,7 +27,7 @@ def bench(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.system
 @pytest.mark.parametrize(
-    "part", [pytest.param(part, marks=[pytest.mark.busy] * (part in BROWSER)) for part in PARTS]
+    "part", [pytest.param(part, marks=[pytest.mark.busy] * (part in HEAVY)) for part in PARTS]
 )
 def test_each_part_runs_at_its_smallest_size(part: str, tmp_path: Path) -> None:
     file = tmp_path / "rows.json"

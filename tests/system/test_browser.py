@@ -1,4 +1,4 @@
-"""Whatever happens to a real browser at 1 m/s: standstill, and a new command before all else."""
+"""Faults of a real browser at 1 m/s lead to standstill, and to a new command only on request."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.support.result_table import Table, stands_still
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 
 ASLEEP_S = 5.0
-"""As a laptop: its socket is open and silent, and speaks again."""
+"""Like a suspended laptop, whose socket stays open and silent, then resumes."""
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def test_the_focus_goes_elsewhere_and_the_key_up_with_it(desk: PageOperator, tab
     page.tab.key("w", down=False)
     stands_still(table.add("browser: focus lost, key-up too", desk.watch(fault_s)))
     page.tab.value("elsewhere.remove(), focus()")
-    # A key that has been held all the while comes as if it were new on some systems.
+    # On some systems, a key held since before arrives as if new.
     page.tab.key("w", down=True)
     page.tab.key("w", down=True, again=True)
     desk.stays_still()
@@ -94,7 +94,7 @@ def test_a_pointer_whose_capture_is_lost(desk: PageOperator, table: Table) -> No
     page = desk.drive(FINGER)
     nearly = page.place(".stick", 0.9)
     page.tab.value(f"{pad}.releasePointerCapture(finger)")
-    page.tab.touch("touchMove", (*nearly, 1))  # With which the page hears of it.
+    page.tab.touch("touchMove", (*nearly, 1))  # The page notices at this event.
     fault_s = page.tab.when("lostpointercapture")
     run = desk.watch(fault_s)
     page.tab.touch("touchMove", (*page.place(".stick", 0.5), 1))
@@ -120,7 +120,7 @@ def test_a_second_finger_on_stop_while_the_first_holds_the_stick(
 
 
 def gamepad(page: RealPage, **what: object) -> None:
-    """Plug a gamepad in, or move its stick: Chromium has none here, so its own interface is set."""
+    """Plug in a gamepad or move its stick, by replacing Chromium's gamepad interface."""
     axes, connected, event = what["axes"], what["connected"], what.get("event", "")
     connected = str(connected).lower()
     page.tab.value(
@@ -149,7 +149,7 @@ def test_a_gamepad_that_is_unplugged_and_plugged_in_with_its_stick_held(
     gamepad(page, axes=push, connected=True, event="gamepadconnected")
     desk.stays_still()
     desk.drives_anew(PAD)
-    # Out and in again between two looks, or another one in its place, and pushed.
+    # Unplugged and plugged in between two polls, or replaced by another one, and pushed.
     desk.drive(PAD)
     fault_s = time.monotonic()
     page.tab.value("dispatchEvent(Object.assign(new Event('gamepaddisconnected'), {gamepad: pad}))")
@@ -171,7 +171,7 @@ def test_a_page_that_does_nothing_for_a_while(desk: PageOperator, table: Table) 
 
 
 def test_two_pages_of_one_operator(desk: PageOperator, table: Table) -> None:
-    """The second only looks on until it takes over; then the first only looks on."""
+    """The second page is read-only until it takes over; then the first is."""
     second = RealPage(desk.browser, desk.scene.url, window=True)
     first = desk.drive(KEY)
     holder = desk.observer.status.lease.holder
@@ -184,7 +184,7 @@ def test_two_pages_of_one_operator(desk: PageOperator, table: Table) -> None:
     KEY.up(first)
     desk.observer.until_rest()
     desk.drive(KEY, first)
-    while not second.can_take_over():  # The first has stalled meanwhile, and so lost control.
+    while not second.can_take_over():  # The first page may have stalled and lost control.
         KEY.up(first)
         desk.drive(KEY, first)
     fault_s = second.take_over()
@@ -224,7 +224,7 @@ def test_a_browser_that_is_stopped_and_goes_on(desk: PageOperator, table: Table)
 
 
 def test_a_tab_that_is_frozen_and_thawed(desk: PageOperator, table: Table) -> None:
-    """As browsers do to tabs behind others: its script runs no more, and its socket stays open."""
+    """As browsers do to background tabs: scripts stop, and the socket stays open."""
     page = desk.drive(KEY)
     other = desk.browser.open("about:blank")
     fault_s = time.monotonic()

@@ -1,7 +1,7 @@
-"""What somebody who is let in may not do to a robot, tried with real sessions.
+"""Forbidden actions of authenticated peers on a robot, tried with real sessions.
 
-Nothing is waited for by the clock. That something does not arrive is shown by what is sent after
-it, the same way, and does.
+No test waits for a fixed time: a message is shown not to arrive by a later one on the same path
+that does.
 """
 
 from __future__ import annotations
@@ -27,13 +27,12 @@ from tsd_twin.bus import Bus, as_client, clients_of
 from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.errors import NoAnswerError
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.pictures import ALIVE_KEYS, LARGEST_PICTURE, CameraName
 from tsd_twin.messages.services import LeaseRequest
 from tsd_twin.messages.status import decode_status
-from tsd_twin.messages.topics import QoS, Service, Topic
+from tsd_twin.messages.topics import QoS, Sample, Service, Topic
 from tsd_twin.recording import ALLOWED
-from tsd_twin.security.certificates import KeyFolder
+from tsd_twin.security.key_folder import KeyFolder
 
 pytestmark = pytest.mark.system
 
@@ -64,7 +63,7 @@ def robot(request: pytest.FixtureRequest, keys: KeyFolder) -> Generator[SecuredR
 
 @pytest.fixture
 def alice(robot: SecuredRobot) -> Generator[Bus]:
-    """An operator, who sets the robot free when the test ends."""
+    """An operator, who leaves the robot free at the end."""
     with robot.join("alice") as bus:
         yield bus
         set_free(bus)
@@ -92,7 +91,7 @@ def camera(robot: SecuredRobot) -> Generator[Bus]:
 
 
 def misshapen(sample: Sample) -> int:
-    """Return how many commands of a wrong shape the robot has counted; -1: this is no status."""
+    """Return the robot's count of malformed commands, or -1 if `sample` is not a status."""
     if sample.key != STATUS or sample.payload == FORGED:
         return -1
     return decode_status(sample.payload).command.dropped.shape
@@ -149,13 +148,13 @@ def test_only_a_sensor_says_where_the_robot_is(
 def test_an_operator_who_calibrates_hears_where_a_sensor_sees_the_robot(
     robot: SecuredRobot, camera: Bus, guest: Bus
 ) -> None:
-    """However the sensor has joined; a viewer does not hear it."""
+    """For any way in which the sensor joined; viewers cannot receive it."""
     with (
         Bus(as_client(robot.config("alice"), PATIENCE_S)) as lab,
         listening(lab, POSES) as ear,
         listening(guest, POSES, STATUS) as other,
     ):
-        while not ear.heard:  # Whoever has just begun to listen may miss some.
+        while not ear.heard:  # A new subscriber may miss some.
             put(camera, POSES, RUBBISH)
             other.until(lambda sample: sample.key == STATUS)
     assert {sample.payload for sample in ear.heard} == {RUBBISH}
@@ -253,7 +252,7 @@ def test_nobody_hears_a_state_that_an_operator_forges(
         seen.until(lambda sample: sample.key == STATUS)
         robot.force(bob, key, FORGED)
         put(bob, BOBS, RUBBISH)
-        # The robot counts that and says so, on the way that the forged state would have taken.
+        # The robot reports the count on the path that the forged state would have taken.
         seen.until(lambda sample: misshapen(sample) > before)
     assert FORGED not in {sample.payload for sample in seen.heard + at_home.heard}
 
@@ -309,7 +308,7 @@ def test_nobody_reads_the_books_of_the_robots_own_session(robot: SecuredRobot, a
 def test_a_recorder_reads_all_that_is_sent_and_others_no_lease_ids(
     robot: SecuredRobot, alice: Bus, guest: Bus
 ) -> None:
-    """By the keys that `tsd-record` subscribes to with a certificate: no rule denies one."""
+    """The keys that `tsd-record` subscribes to with a certificate; no rule denies one."""
     (config,) = clients_of(robot.config("tape"), PATIENCE_S)
     inputs = topics.INPUTS.key(ID)
     with Bus(config) as tape, listening(tape, *ALLOWED) as recorded:

@@ -1,4 +1,4 @@
-"""Who is not even let in to a robot behind TLS; the robot survives all who try."""
+"""Peers refused by a robot behind TLS; the robot survives every attempt."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from tsd_twin.errors import NoAnswerError
 from tsd_twin.messages import topics
 from tsd_twin.messages.topics import Service
 from tsd_twin.security import Role, certificates
-from tsd_twin.security.certificates import KeyFolder
+from tsd_twin.security.key_folder import KeyFolder
 
 pytestmark = pytest.mark.system
 
@@ -45,13 +45,13 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Generator[SecuredRobot]:
 
 @pytest.fixture(scope="module")
 def foreign(tmp_path_factory: pytest.TempPathFactory) -> KeyFolder:
-    """Keys of the same names, from somebody else's authority."""
+    """Keys with the same names from a foreign authority."""
     return make_keys(tmp_path_factory.mktemp("foreign") / "keys")
 
 
 @pytest.fixture(autouse=True)
 def survives(robot: SecuredRobot) -> Generator[None]:
-    """After each attempt an operator is let in and answered."""
+    """After each attempt an operator can connect and gets a reply."""
     yield
     with robot.join("alice") as alice:
         assert DESCRIPTION.urdf.encode() in alice.query(Service.DESC.key(ID), b"")
@@ -64,13 +64,13 @@ def at(endpoint: str, config: Config) -> Config:
 
 
 def with_files(config: Config, folder: Path, **names: str) -> Config:
-    """Return a configuration with other files for some settings of TLS."""
+    """Return a configuration with other files for some TLS settings."""
     changed = {f"{TLS}/{key}": folder / name for key, name in names.items()}
     return dataclasses.replace(config, files={**config.files, **changed})
 
 
 def is_let_in(endpoint: str, config: Config) -> bool:
-    """Return whether there is a link before two attempts have been given up."""
+    """Return whether a link exists before two attempts have failed."""
     news = queue.SimpleQueue[str]()
     with (
         Relay(endpoint, lambda: news.put("given up")) as relay,
@@ -83,7 +83,7 @@ def is_let_in(endpoint: str, config: Config) -> bool:
 
 
 def is_refused(robot: SecuredRobot, client: Config, careless: Config) -> bool:
-    """Return whether the robot refuses a session that a less careful one lets in."""
+    """Return whether the robot refuses a session that a less careful robot accepts."""
     with Bus(careless) as other:
         assert is_let_in(other.endpoints()[0], client)
     protocol = section(client, "connect")["endpoints"][0][:3]
@@ -131,7 +131,7 @@ def test_a_certificate_that_runs_out_ends_the_session(robot: SecuredRobot, tmp_p
 
 
 def certificate_until(robot: SecuredRobot, folder: Path, end: datetime) -> Config:
-    """Return the configuration of bob with a certificate that ends at some time."""
+    """Return Bob's configuration with a certificate that expires at a given time."""
     start, key = end - timedelta(days=1), robot.folder.key("bob")
     bob = security.client("bob", Role.OPERATOR)
     certificate = robot.folder.authority(start).issue_client(key, bob, start, days=1)
@@ -140,7 +140,7 @@ def certificate_until(robot: SecuredRobot, folder: Path, end: datetime) -> Confi
 
 
 def test_an_operator_cannot_pose_as_the_robot(robot: SecuredRobot, foreign: KeyFolder) -> None:
-    """Neither with the own certificate nor with one of a foreign authority."""
+    """Neither with an own certificate nor with one of a foreign authority."""
     for folder, name in ((robot.folder, "alice"), (foreign, "robot")):
         own = {"listen_private_key": f"{name}.key", "listen_certificate": f"{name}.pem"}
         with Bus(with_files(robot.own_config(), folder.path, **own)) as false_robot:
@@ -148,7 +148,7 @@ def test_an_operator_cannot_pose_as_the_robot(robot: SecuredRobot, foreign: KeyF
 
 
 def test_nobody_takes_over_the_session_of_another(robot: SecuredRobot) -> None:
-    """The id of a session proves nothing: a second one with the same is refused."""
+    """A session id proves nothing, so a second session with the same id is refused."""
     with robot.join("alice") as alice:
         stolen = str(alice._session.zid())
         thief = with_sections(robot.config("guest"), id=stolen)
@@ -160,7 +160,7 @@ def test_nobody_takes_over_the_session_of_another(robot: SecuredRobot) -> None:
 def test_who_got_a_certificate_after_the_robot_was_started_is_let_in_and_may_nothing(
     robot: SecuredRobot, tmp_path: Path
 ) -> None:
-    """Nor may who is taken out of the rules: the rules list who may."""
+    """Nor may a peer removed from the rules, which list all permissions."""
     later = tmp_path / "later"
     shutil.copytree(robot.folder.path, later)
     make_keys(later, identities=(*PEOPLE, security.client("carol", Role.OPERATOR)))

@@ -1,4 +1,4 @@
-"""A robot behind TLS and access rules, used as it is meant to be, over real sessions."""
+"""Normal use of a robot behind TLS and access rules, over real sessions."""
 
 from __future__ import annotations
 
@@ -26,9 +26,8 @@ from tsd_twin.bus import Bus
 from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import BASE, decode_odometry
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.services import HolderRequest, StopRequest
-from tsd_twin.messages.topics import Service
+from tsd_twin.messages.topics import Sample, Service
 
 pytestmark = pytest.mark.system
 
@@ -45,7 +44,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Generator[SecuredRobot]:
 
 @pytest.fixture
 def alice(robot: SecuredRobot) -> Generator[Bus]:
-    """An operator, who sets the robot free when the test ends."""
+    """An operator, who leaves the robot free at the end."""
     with robot.join("alice") as bus:
         yield bus
         set_free(bus)
@@ -148,7 +147,7 @@ def test_after_a_restart_viewers_see_the_robot_again_and_what_it_said_meanwhile(
         assert not lives.get(timeout=PATIENCE_S)
         again = SecuredRobot(robot.folder, listen=first.endpoint)
         stack.enter_context(contextlib.closing(again))
-        # The refusal becomes an event before the viewer has found back.
+        # The refusal becomes an event before the viewer has reconnected.
         again.bus.query(Service.RESET.key(ID), b"{}")
         assert lives.get(timeout=PATIENCE_S)
         ear.until(lambda sample: sample.key == topics.event_key(ID, "refusal"))

@@ -1,4 +1,4 @@
-"""Whatever dies, hangs or is cut while the robot drives at 1 m/s: it comes to a standstill."""
+"""After any crash, hang or cut at 1 m/s, the robot comes to a standstill."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from collections.abc import Generator
 import pytest
 
 from tests.support.fault_stage import (
+    MAX_COMMAND_PAUSE_S,
     SPEED_MPS,
     FaultStage,
     PretendPage,
@@ -26,15 +27,13 @@ pytestmark = pytest.mark.system
 
 HELD_S = 5.0
 MAX_PAUSE_S = 0.05
-"""Between two states, which are 20 ms apart: the robot warns of a longer pause of its loop."""
-MAX_COMMAND_PAUSE_S = 0.2
-"""Between two statuses, 50 ms apart, by which further commands have counted, 20 ms apart."""
+"""Maximum gap between states, which are 20 ms apart; longer loop pauses are reported."""
 WATCHED_S = 1.0
-"""For how long nothing may move after the last thing that happened."""
+"""Time without motion required after the last event."""
 MOST_NEES = 16.3
-"""Of a chi-square with three degrees of freedom, 0.1 % are beyond."""
+"""99.9 % quantile of chi-square with three degrees of freedom."""
 MAX_AGE_S = 1.0
-"""Of a patient lease: the oldest that a command may be."""
+"""Maximum command age under a long lease."""
 PAUSE_S = 0.02
 SLOW_MPS = 0.3
 """Slightly below the speed limit of a lease with `MAX_AGE_S`."""
@@ -63,7 +62,7 @@ def watch(scene: FaultStage, fault_s: float, over_s: float, under_way_s: float =
 
 
 def drives_again_once_let_go(scene: FaultStage, page: PretendPage) -> None:
-    """After a release, a new push moves the robot, so the page was connected before."""
+    """A push after a release moves the robot, so the page was connected before."""
     page.do("release")
     page.get_ready()
     page.do("push", 0.3)
@@ -73,7 +72,7 @@ def drives_again_once_let_go(scene: FaultStage, page: PretendPage) -> None:
 
 
 def test_without_a_fault_a_held_stick_keeps_driving(scene: FaultStage) -> None:
-    """Neither the robot nor its dashboard pauses for longer than the machine lets them wait."""
+    """Robot and dashboard pause only as long as the machine delays them."""
     page, observer = scene.driving_page(), scene.observer
     programs = (scene.mock, scene.dashboard, page)
     observer.pauses = states = Pauses(scene.mock.process.pid)
@@ -99,7 +98,7 @@ def test_a_dashboard_that_is_killed(scene: FaultStage, table: Table) -> None:
 
 
 def test_a_dashboard_that_hangs_and_goes_on(scene: FaultStage, table: Table) -> None:
-    """The page never stops pushing: 5 s of its commands wait in the socket of the dashboard."""
+    """The page never stops pushing, so 5 s of commands queue in the dashboard's socket."""
     page = scene.driving_page()
     before = scene.observer.dropped
     fault_s = send_signal(scene.dashboard.process.pid, signal.SIGSTOP)
@@ -140,7 +139,7 @@ def test_a_page_that_falls_silent_without_letting_go(scene: FaultStage, table: T
 
 @pytest.mark.parametrize("length_s", [0.5, 2.0, 5.0])
 def test_a_link_that_stalls_and_recovers(scene: FaultStage, table: Table, length_s: float) -> None:
-    """The page never stops pushing, and the link hands over late what it held back."""
+    """The page never stops pushing, and the link delivers held packets late."""
     page = scene.driving_page()
     before = scene.observer.dropped
     fault_s = time.monotonic()
@@ -153,7 +152,7 @@ def test_a_link_that_stalls_and_recovers(scene: FaultStage, table: Table, length
 
 @pytest.mark.parametrize("insists_s", [0.1, 5.0])
 def test_a_link_that_loses_and_delays(scene: FaultStage, table: Table, insists_s: float) -> None:
-    """With a patient lease the robot drives on slowly, and stops when the stick is released."""
+    """Under a long lease the robot drives on slowly, and stops when the stick is released."""
     page, observer = scene.page(), scene.observer
     page.get_ready(MAX_AGE_S)
     page.do("insist", SPEED_MPS)
@@ -179,7 +178,7 @@ def test_a_robot_node_that_hangs_or_is_killed(
         observer, pid = scene.observer, scene.mock.process.pid
         fault_s = send_signal(pid, signal.SIGSTOP)
         heard = len(observer.truth)
-        time.sleep(5.0)  # There is no event in that nothing happens.
+        time.sleep(5.0)  # Without an effect there is no event.
         assert len(observer.truth) <= heard + 2
         goes_on_s = send_signal(pid, signal.SIGCONT)
         observer.until_time(goes_on_s)
@@ -205,7 +204,7 @@ def test_a_robot_node_that_hangs_or_is_killed(
 
 
 def drops(scene: FaultStage, before: dict[str, int]) -> str:
-    """Return which commands have not counted since."""
+    """Return the number of rejected commands since, by reason."""
     now = scene.observer.dropped
     new = {name: now[name] - before[name] for name in now if now[name] > before[name]}
     return "dropped " + ", ".join(f"{count} {name}" for name, count in new.items()) if new else ""

@@ -1,4 +1,4 @@
-"""A dashboard is killed at each step of a hand-over: the robot stops, and control is soon free."""
+"""A dashboard is killed at each step of a handover: the robot stops, and control is freed."""
 
 from __future__ import annotations
 
@@ -13,22 +13,27 @@ from typing import Any
 import pytest
 
 from tests.app.conftest import Program
-from tests.support.fault_stage import FaultStage, fault_stage, send_signal
+from tests.support.fault_stage import (
+    MAX_COMMAND_PAUSE_S,
+    FaultStage,
+    fault_stage,
+    send_signal,
+)
 from tests.support.page_client import Page
 from tests.support.result_table import stands_still
-from tests.support.withheld import WithheldTime
+from tests.support.withheld import Pauses, WithheldTime
 from tsd_twin.safety.lease import RESERVATION_S, TTL_S
 
 pytestmark = pytest.mark.system
 
 SPEED_MPS = 0.5
 SLACK_S = 0.5
-"""Added to the documented times: the period of states, and the longest one of requests."""
+"""Added to the documented times: the period of states, and the maximum request time."""
 ALICE, BOB = "a" * 16, "b" * 16
 
 
 class Desk:
-    """A page and the process of its dashboard."""
+    """A page and its dashboard process."""
 
     def __init__(self, program: Program, name: str) -> None:
         self.program = program
@@ -46,14 +51,14 @@ class Desk:
 
 
 class Dashboards:
-    """Dashboards of a robot; those that a test has not killed serve the next test, too."""
+    """Dashboards of a robot; a test reuses those not killed by earlier tests."""
 
     def __init__(self, endpoint: str) -> None:
         self._endpoint = endpoint
         self._programs: list[Program] = []
 
     def alive(self, count: int) -> list[Program]:
-        """Return as many that run; new ones for those that were killed."""
+        """Return as many live dashboards, replacing those that were killed."""
         for program in [it for it in self._programs if it.process.poll() is not None]:
             program.clean_up()
             self._programs.remove(program)
@@ -68,7 +73,7 @@ class Dashboards:
 
 
 class Two:
-    """Alice, who drives, and Bob, who has asked her for control; and the robot."""
+    """Alice, who drives, Bob, who has requested control, and the robot."""
 
     def __init__(self, robot: FaultStage, here: Desk, there: Desk) -> None:
         self.robot, self.here, self.there = robot, here, there
@@ -76,7 +81,7 @@ class Two:
         desks = (desk.program.process.pid for desk in (here, there))
         self._pids = os.getpid(), robot.mock.process.pid, *desks
         self._withheld = WithheldTime(*self._pids)
-        # Each dashboard loads its first robot first: that may take all of a processor.
+        # Each dashboard loads its first robot, which may take an entire processor.
         self.bob.until(lambda: self.bob.state)
         self.alice.make_ready()
         self.drive_fast(self.alice)
@@ -85,47 +90,54 @@ class Two:
         self.alice.until(lambda: lease_in(self.alice)["requested_by"] == self.bob.operator)
 
     def drive_fast(self, page: Page) -> None:
-        """Hold the stick until the robot is fast."""
+        """Hold the stick until the robot is fast, and note pauses between its commands."""
         page.drive(SPEED_MPS)
-        self.robot.observer.until_speed(SPEED_MPS)
+        observer = self.robot.observer
+        observer.until_speed(SPEED_MPS)
+        self._stops = observer.status.stops
+        observer.command_pauses = self._pauses = Pauses(*self._pids)
 
     def kept_for_bob(self) -> None:
-        """Wait until the robot itself says so."""
+        """Wait until the robot reports the reservation."""
         observer = self.robot.observer
         observer.until(
             lambda: observer.status.lease.reserved_for == self.bob.operator, "kept for bob"
         )
 
     def grant(self) -> float:
-        """Let Alice grant control to Bob, and return when."""
+        """Grant control to Bob as Alice, and return the time."""
         granted_s = self.begin()
         assert press(self.alice, "grant", asker=self.bob.operator)["ok"]
         self.alice.holds = None
         return granted_s
 
     def begin(self) -> float:
-        """Measure withheld time from now; return the time."""
+        """Start measuring withheld time; return the time."""
         self._withheld = WithheldTime(*self._pids)
         return time.monotonic()
 
     def is_within(self, since_s: float, limit_s: float) -> None:
-        """Fail if more time has passed than that, and than the machine has withheld since."""
+        """Fail if the time since, minus withheld time, exceeds the limit."""
         took_s = time.monotonic() - since_s
         assert took_s <= limit_s + self._withheld.total_s
 
     def stood_still_since(self, fault_s: float) -> None:
-        """Fail unless the robot has come to rest in time, and has not moved after that."""
+        """Fail unless the robot came to rest in time and did not move again."""
         observer = self.robot.observer
         observer.until_rest()
         observer.until_time(time.monotonic())
         stands_still(observer.run_since(fault_s))
 
     def drives_on(self, fault_s: float) -> None:
-        """Fail when the robot has begun to stop since."""
-        stops = self.robot.observer.status.stops
-        self.robot.observer.until_time(fault_s + 0.6)  # Longer than a command is valid.
-        assert self.robot.observer.gets_fast(0.5, SPEED_MPS)
-        assert self.robot.observer.status.stops == stops
+        """Fail if the robot began to stop since, unless the machine delayed its commands."""
+        observer = self.robot.observer
+        observer.until_time(fault_s + 0.6)  # Longer than a command is valid.
+        observer.command_pauses = None
+        self._pauses.note(time.monotonic())
+        assert self._pauses.longest_s < MAX_COMMAND_PAUSE_S
+        if self._pauses.on_the_clock_s < MAX_COMMAND_PAUSE_S:
+            assert observer.gets_fast(0.0, SPEED_MPS)
+            assert observer.status.stops == self._stops
 
 
 def lease_in(page: Page) -> dict[str, Any]:
@@ -137,10 +149,10 @@ def press(page: Page, op: str, **fields: Any) -> dict[str, Any]:
 
 
 def takes_control_within(two: Two, page: Page, since_s: float, limit_s: float) -> None:
-    """Fail unless a page gets control that is free, without a take-over, within the time."""
+    """Fail unless a page gets free control within the time, without a takeover."""
     while not page.take()["ok"]:
         two.is_within(since_s, limit_s + SLACK_S)
-        time.sleep(0.2)  # More requests than that are a flood, and are dropped.
+        time.sleep(0.2)  # More requests would count as a flood and be dropped.
     two.is_within(since_s, limit_s + SLACK_S)
 
 
@@ -169,7 +181,7 @@ def dashboards(robot: FaultStage) -> Generator[Dashboards]:
 
 @pytest.fixture
 def two(robot: FaultStage, dashboards: Dashboards) -> Generator[Two]:
-    """Two dashboards at one robot; those that the test kills are replaced after it."""
+    """Two dashboards for one robot; killed ones are replaced after the test."""
     with contextlib.ExitStack() as stack:
         desks: list[Desk] = []
         for program, name in zip(dashboards.alive(2), (ALICE, BOB), strict=True):

@@ -1,4 +1,4 @@
-"""Nothing that anybody sends moves the robot, ends a process, or fills its memory."""
+"""No messages of a hostile peer move the robot, end a process or exhaust its memory."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ pytestmark = pytest.mark.system
 
 WARM_UP, FLOOD, REQUESTS = 20_000, 80_000, 5_000
 MESSAGES = 5_000
-"""On each of the two sockets of a page."""
+"""Messages on each of the two sockets of a page."""
 ROUND, ECHO_EVERY = 250, 25
-"""Messages on one socket, and between two waits until they have been read."""
+"""Messages per socket, and between two waits until they have been read."""
 SLACK_MB = 40.0
 """Buffers of the allocator and of zenoh, and queues of samples of up to 60 kB. How far they fill
 depends on the speed of the machine: 10 MB on a busy one, 28 MB on one that has nothing else to do;
 45 to 49 MB after 300,000 to 900,000 samples.
 """
 ANSWER_S = 2.0
-"""As long as a lease lasts without renewal."""
+"""Duration of a lease without renewal."""
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Generator[FaultStage]:
 
 
 class Ledger:
-    """Memory of robot node and dashboard, and that they live."""
+    """Tracks memory and liveness of robot node and dashboard."""
 
     def __init__(self, scene: FaultStage) -> None:
         programs = {"robot": scene.mock, "dashboard": scene.dashboard}
@@ -63,7 +63,7 @@ class Ledger:
         return {name: p.memory_info().rss / 1e6 for name, p in self._processes.items()}
 
     def check(self) -> dict[str, float]:
-        """Return how much each has grown, which must not be much."""
+        """Return the memory growth of each, after checking its limit."""
         now_mb = self.rss_mb()
         growth = {name: round(now_mb[name] - mb, 1) for name, mb in self.start_mb.items()}
         assert max(growth.values()) <= SLACK_MB, growth
@@ -71,9 +71,9 @@ class Ledger:
 
 
 def flood(scene: FaultStage, seed: int, count: int, *what: str) -> list[float]:
-    """Send malformed samples, and return how long the node took to answer meanwhile."""
+    """Send malformed samples, and return the node's response times during the flood."""
     arguments = [scene.endpoint, ID, str(seed), str(count), *what]
-    # Another machine would send it: it has no place among the robots in real time.
+    # Normal priority, because an attacker would be another machine.
     hostile = subprocess.Popen(
         [*AS_OTHERS, sys.executable, "-m", "tests.system.hostile", *arguments]
     )
@@ -89,13 +89,13 @@ def flood(scene: FaultStage, seed: int, count: int, *what: str) -> list[float]:
             took_s.append(time.monotonic() - start_s)
             assert decode_json(answer, LeaseReply, "an answer").ok
             assert is_well(scene.url)
-            time.sleep(0.05)  # Who asks all the time would be part of the flood.
+            time.sleep(0.05)  # Continuous requests would be part of the flood.
     assert hostile.returncode == 0
     return took_s
 
 
 def ask_again_and_again(bus: Bus) -> bytes:
-    """Return an answer: among many requests the oldest give way, so an honest one may be lost."""
+    """Retry a request, because under load the oldest are dropped, including valid ones."""
     end_s = time.monotonic() + PATIENCE_S
     while True:
         try:
@@ -117,7 +117,7 @@ def is_well(url: str) -> bool:
 def test_a_hundred_thousand_malformed_samples(
     scene: FaultStage, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The wheels spin, so one command that counts by mistake would move the robot."""
+    """The wheels spin, so one wrongly accepted command would move the robot."""
     page, observer = scene.page(), scene.observer
     page.get_ready()
     begin_s = time.monotonic()
@@ -146,7 +146,7 @@ def test_a_hundred_thousand_malformed_samples(
 
 
 def teleop_garbage(dice: random.Random) -> str | bytes:
-    """Return what no page of ours would send, or is not entitled to."""
+    """Return invalid or unauthorized messages for the teleop socket."""
     number = dice.choice(["NaN", "1e999", "-1e308", '"1"', "null", "[]", "0.5"])
     return dice.choice(
         [
@@ -169,9 +169,9 @@ def teleop_garbage(dice: random.Random) -> str | bytes:
 
 
 def bombard_teleop(url: str, count: int) -> int:
-    """Send garbage to the controls, and return how many answers came.
+    """Send garbage to the teleop socket, and return the number of replies.
 
-    A beat now and then, and the wait for its echo, shows that what came before has been read.
+    Occasional heartbeats and their echoes show that earlier messages have been read.
     """
     dice = random.Random(count)  # noqa: S311  Garbage that can be sent again is what is wanted.
     answers = sent = 0
@@ -189,7 +189,7 @@ def bombard_teleop(url: str, count: int) -> int:
 
 
 def until_echo(socket: ClientConnection, beat: int) -> int:
-    """Return how many answers came before the echo of a beat."""
+    """Return the number of replies before the echo of a heartbeat."""
     answers = 0
     while True:
         message = json.loads(socket.recv(timeout=PATIENCE_S))
@@ -199,14 +199,14 @@ def until_echo(socket: ClientConnection, beat: int) -> int:
 
 
 def until_closed(socket: ClientConnection) -> None:
-    """Wait until the other side has had enough."""
+    """Wait until the other side closes the connection."""
     with contextlib.suppress(ConnectionClosed):
         while True:
-            socket.recv(timeout=PATIENCE_S)  # Raises TimeoutError when that never happens.
+            socket.recv(timeout=PATIENCE_S)  # Raises TimeoutError otherwise.
 
 
 def viser_garbage(dice: random.Random) -> bytes:
-    """Return a message that viser can read, about what there is not."""
+    """Return a well-formed viser message about objects that do not exist."""
     wild = dice.choice([float("nan"), -1e308, None, "x" * 500, [], {}])
     kinds = [
         {"type": "GuiUpdateMessage", "uuid": "nobody", "updates": {"value": wild}},
@@ -218,7 +218,7 @@ def viser_garbage(dice: random.Random) -> bytes:
 
 
 def bombard_viser(url: str, count: int) -> None:
-    """Send garbage to the scene; what viser cannot read ends that connection, and no other."""
+    """Send garbage to the scene; undecodable data ends only that connection."""
     dice = random.Random(count)  # noqa: S311  As above.
     for _ in range(count // ROUND):
         with dial(url, "viser/") as socket:
@@ -243,7 +243,7 @@ def dial(url: str, where: str) -> ClientConnection:
 def test_ten_thousand_messages_that_are_none(
     scene: FaultStage, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """On both sockets of a page, while somebody else has control of a robot that is ready."""
+    """On both sockets of a page, while another operator controls a ready robot."""
     page, observer = scene.page(), scene.observer
     page.get_ready()
     bombard_teleop(scene.url, MESSAGES // 5)
@@ -262,7 +262,7 @@ def test_ten_thousand_messages_that_are_none(
         )
     assert answers > 0
     assert is_well(scene.url)
-    page.do("push", 1.0)  # Who has control has kept it.
+    page.do("push", 1.0)  # The holder has kept control.
     observer.until_speed()
     page.do("release")
     observer.until_rest()

@@ -1,4 +1,4 @@
-"""Each planted fault is caught by the test that is named for it."""
+"""Each planted fault is caught by its test."""
 
 from __future__ import annotations
 

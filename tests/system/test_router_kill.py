@@ -1,11 +1,10 @@
-"""A router dies while a robot is driven through it: robot, router and dashboard are processes."""
+"""Kill a router while driving through it, with robot, router and dashboard as processes."""
 
 from __future__ import annotations
 
 import itertools
 import re
 import signal
-import socket
 import threading
 import time
 from collections.abc import Callable, Generator
@@ -19,29 +18,28 @@ from tests.support.fault_stage import SPEED_MPS, Observer, send_signal
 from tests.support.page_client import Page
 from tests.support.result_table import Table, stands_still
 from tests.support.robot_node import PATIENCE_S, QUICK
+from tests.support.router_keys import OPERATOR, make_router_keys
+from tests.support.traced_mock import follow_trace
 from tsd_twin.bus import Bus, from_file
 from tsd_twin.messages import topics
-from tsd_twin.messages.status import RobotStatus
 
 pytestmark = pytest.mark.system
 
 ID = "lab1"
 AWAY_S = (0.0, 0.4, 1.5, 3.0)
-"""For how long the router is away; 1 s is the lease of its links, 2 s that of control."""
+"""Downtime of the router; link leases last 1 s, control leases 2 s."""
 HELD_S = 1.5
-"""For how long nothing may move although the stick is held, once the robot is back."""
+"""Time without motion required after the robot is back, although the stick is held."""
 SLACK_S = 2.0
-"""On top of the second in which robots are back: programs on a busy machine."""
+"""Allowance for a busy machine on top of 1 s for reconnecting."""
 _PUSHES, _FAST_S = 5, 3.0
 
 
 class FileObserver(Observer):
-    """Observer of the file that a traced mock writes; it needs no bus."""
+    """Reads the file of a traced mock, without a bus."""
 
     def __init__(self, file: Path) -> None:
-        self._news = threading.Condition()
-        self.truth = []
-        self.status = RobotStatus("disarmed")
+        super().__init__()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._read, args=(file,))
         self._thread.start()
@@ -51,35 +49,20 @@ class FileObserver(Observer):
         self._thread.join()
 
     def _read(self, file: Path) -> None:
-        with file.open(encoding="ascii") as lines:
-            text = ""
-            while not self._ended.is_set():
-                text += lines.readline()
-                if not text.endswith("\n"):
-                    time.sleep(0.005)
-                    continue
-                robot_s, x, y, speed = map(float, text.split())
-                text = ""
-                with self._news:
-                    self.truth.append((robot_s, np.array([x, y]), speed))
-                    self._news.notify_all()
+        for robot_s, x, y, speed, _ in follow_trace(file, self._ended):
+            self._add_truth(robot_s, np.array([x, y]), speed)
 
 
 class Lab:
-    """A router that can be killed, one robot, the dashboard of an operator, and its page."""
+    """A router that can be killed, one robot, an operator's dashboard and its page."""
 
     def __init__(self, start: Callable[..., Program], folder: Path) -> None:
         self._start, self._keys = start, folder / "keys"
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            where = f"tls/127.0.0.1:{probe.getsockname()[1]}"
-        flags = ("--router-host", "127.0.0.1", "--listen", where, "--robot", ID)
-        people = ("--operator", "alice", "--robots", ID)
-        assert start("tsd_certs", str(self._keys), *flags, *people).wait() == 0
+        make_router_keys(self._keys, [ID])
         (folder / "quick.toml").write_text(QUICK, encoding="utf-8")
         trace = folder / "trace"
         robot = ("--zenoh-config", str(self._keys / f"{ID}.json5"))
-        # Before the router, which it waits for, as a robot does that is switched on first.
+        # Started before the router, like a robot that is switched on first.
         mock = start(
             "tests.support.traced_mock", str(trace), "--robot", str(folder / "quick.toml"), *robot
         )
@@ -88,10 +71,10 @@ class Lab:
         mock.ready()
         self.observer = FileObserver(trace)
         dashboard = start(
-            "tsd_dashboard", "--port", "0", "--zenoh-config", str(self._keys / "alice.json5")
+            "tsd_dashboard", "--port", "0", "--zenoh-config", str(self._keys / f"{OPERATOR}.json5")
         )
         (port,) = re.findall(r"http://127\.0\.0\.1:(\d+)", dashboard.ready())
-        self.page = Page(int(port), "a" * 16, user="alice")
+        self.page = Page(int(port), "a" * 16, user=OPERATOR)
 
     def close(self) -> None:
         self.page.close()
@@ -104,21 +87,21 @@ class Lab:
         return at_s
 
     def start_router(self) -> float:
-        """Start the router, and return when it listened."""
+        """Start the router, and return the time when it listens."""
         self.router = self._start("tsd_router", str(self._keys / "router.json5"))
         self.router.ready()
         return time.monotonic()
 
     def ready(self) -> None:
-        """Have the page in control of the armed robot, its stick released."""
+        """Leave the page in control of the armed robot, with the stick released."""
         self.page.let_go()
-        # Its last state is from before the router was killed.
+        # The page's last state predates the kill.
         before = len(self.page.messages)
         self.page.until(lambda: any(m["t"] == "state" for m in self.page.messages[before:]))
         self.page.make_ready()
 
     def drive_fast(self) -> None:
-        """Hold the stick until the robot is fast; push again where a busy machine stops it."""
+        """Hold the stick until the robot is fast; push again if a busy machine stops it."""
         for _ in range(_PUSHES):
             self.page.drive(SPEED_MPS)
             if self.observer.gets_fast(_FAST_S):
@@ -166,7 +149,7 @@ def test_a_robot_stops_when_its_router_dies_and_moves_only_after_a_new_push(
 
 
 def test_a_router_that_is_killed_again_and_again_moves_nothing(lab: Lab) -> None:
-    """Ten times, at moments in which robot and dashboard are about to be back, stick held."""
+    """Ten times, just before robot and dashboard reconnect, with the stick held."""
     lab.ready()
     lab.drive_fast()
     killed_s = lab.kill_router()
@@ -184,7 +167,7 @@ def test_a_router_that_is_killed_again_and_again_moves_nothing(lab: Lab) -> None
 
 
 def test_a_session_is_back_within_a_second_after_the_router_listens(lab: Lab) -> None:
-    """The longest pause between attempts is half a second, to which a busy machine adds."""
+    """Reconnect attempts are at most 0.5 s apart, plus delays of a busy machine."""
     came_s: list[float] = []
     arrived = threading.Event()
 
@@ -192,7 +175,7 @@ def test_a_session_is_back_within_a_second_after_the_router_listens(lab: Lab) ->
         came_s.append(time.monotonic())
         arrived.set()
 
-    with Bus(from_file(str(lab._keys / "alice.json5"))) as bus:
+    with Bus(from_file(str(lab._keys / f"{OPERATOR}.json5"))) as bus:
         bus.subscribe(topics.STATUS.key(ID), on_status)
         for away_s, _ in itertools.product((0.3, 2.5), range(2)):
             assert arrived.wait(PATIENCE_S)

@@ -1,11 +1,11 @@
-"""Rights per robot in a router, as raw Zenoh sessions with each certificate meet them."""
+"""Per-robot rights in a router, tested by raw Zenoh sessions with each certificate."""
 
 from __future__ import annotations
 
 import dataclasses
 import shutil
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +17,13 @@ from tests.support.router_stage import HERS, HIS, RouterStage, make_router_keys,
 from tests.support.secured_robot import Listener, listening, put
 from tsd_twin import security
 from tsd_twin.bus import Bus, from_file
+from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.messages import topics
 from tsd_twin.messages.pictures import CameraName
 from tsd_twin.messages.status import RobotStatus, decode_status
 from tsd_twin.messages.topics import QoS, Service
 from tsd_twin.security import Role
-from tsd_twin.security.certificates import KeyFolder
+from tsd_twin.security.key_folder import KeyFolder
 from tsd_twin.security.router_rules import ALL
 
 pytestmark = pytest.mark.system
@@ -30,7 +31,7 @@ pytestmark = pytest.mark.system
 SECRET = b"from another robot"
 PICTURES, FLOOR = CameraName("front", HIS).key, CameraName("ceiling").key
 KEYS = [*(topic.key(HIS).replace("*", "bob") for topic in topics.TOPICS), PICTURES]
-"""One key of each topic of Bob's robot, and that of a camera on it."""
+"""One key per topic of Bob's robot, including its camera."""
 PATTERNS = [
     f"twin/{HIS}/**",
     "twin/*/state/**",
@@ -80,7 +81,7 @@ def telling(tmp_path_factory: pytest.TempPathFactory) -> Generator[RouterStage]:
 
 
 def publish_everything(bob: Bus, robot: Bus) -> None:
-    """Publish on each key of Bob's robot, by those who may; what the robot sends comes as well."""
+    """Publish on each key of Bob's robot with sufficient rights; the robot publishes as well."""
     for topic in topics.TOPICS:
         key = topic.key(HIS).replace("*", "bob")
         sender = bob if topic in (topics.TWIST, topics.STOP) else robot
@@ -107,9 +108,38 @@ def test_no_subscription_shows_another_robot(stage: RouterStage, name: str) -> N
         everything.until(lambda sample: sample.key == topics.ODOM.key(HIS))
         publish_everything(bob, stage.robots[HIS].bus)
         everything.until(lambda sample: sample.key == PICTURES)
-        for _ in range(3):  # They arrive 20 times a second in the same session.
+        for _ in range(3):  # They arrive at 20 Hz in the same session.
             hers.until(lambda _: True)
     assert {sample.key.split("/")[1] for sample in seen.heard} == {HERS}
+
+
+def test_a_robot_that_is_not_followed_sends_only_summaries_through_the_router(
+    stage: RouterStage,
+) -> None:
+    robot = stage.robots[HIS].bus
+    states = {topic for topic in topics.TOPICS if topic.path.startswith("state/")}
+    puts = {topic: robot.publisher(topic.key(HIS), QoS.DATA) for topic in states}
+
+    def wanted() -> set[topics.Topic]:
+        return {topic for topic, each in puts.items() if each.has_subscribers}
+
+    def poll_until(condition: Callable[[], bool], *, streaming: bool) -> None:
+        end_s = time.monotonic() + PATIENCE_S
+        while not condition():
+            assert time.monotonic() < end_s, wanted()
+            link.set_streaming(streaming)
+            link.poll(time.monotonic())
+            time.sleep(0.01)
+
+    with stage.join("gateway", HIS) as gateway:
+        link = RobotMonitor(gateway, HIS)
+        poll_until(lambda: wanted() == {topics.SUMMARY}, streaming=False)
+        poll_until(lambda: link.snapshot.in_summary, streaming=False)
+        known = link.snapshot
+        assert None not in (known.joints, known.setpoint, known.odom, known.truth, known.status)
+        poll_until(lambda: wanted() == states, streaming=True)
+    for publisher in puts.values():
+        publisher.close()
 
 
 def test_pictures_of_the_floor_are_from_sensors_of_all_robots_for_those_who_may_watch_all(
@@ -141,7 +171,7 @@ def test_no_question_is_answered_by_another_robot(stage: RouterStage, name: str)
         for selector in (*SELECTORS, *ADMIN):
             found = own._session.get(selector, timeout=1.0, target=zenoh.QueryTarget.ALL)
             keys = [str(reply.ok.key_expr).split("/") for reply in found if reply.ok is not None]
-            # A session answers about itself.
+            # A session answers queries about itself.
             assert not [key for key in keys if key[1] not in (HERS, own.id)], selector
         assert own.query_all(Service.DESC.key(HERS), b"")
         assert gateway.query_all(Service.DESC.key(HIS), b"")
@@ -198,9 +228,9 @@ def test_matching_does_not_reveal_another_robot(stage: RouterStage, name: str) -
 
 @pytest.mark.parametrize("name", ["alice", "mixed", "camera", "tape"])
 def test_messages_for_another_robot_do_not_arrive(telling: RouterStage, name: str) -> None:
-    """Neither on its keys nor on patterns; what the robot itself counts and obeys is the oracle.
+    """Neither on its keys nor on patterns; the robot's counters and motion are the oracle.
 
-    `mixed` may watch that robot and stop it, so its stop is not sent.
+    `mixed` may watch and stop that robot, so its stop is not sent.
     """
     robot = telling.robots[HIS].bus
     stops = [] if name == "mixed" else [topics.STOP.key(HIS)]
@@ -228,7 +258,7 @@ def test_messages_for_another_robot_do_not_arrive(telling: RouterStage, name: st
         for key in keys:
             own._session.put(key, SECRET, congestion_control=zenoh.CongestionControl.BLOCK)
         own._session.delete(topics.twist_key(HIS, "bob"))
-        # Her own robot gets hers, and his gets Bob's.
+        # Each robot receives only its operator's messages.
         put(bob, topics.twist_key(HIS, "bob"), b"end")
         at.until(lambda sample: sample.payload == b"end")
         seen.until(lambda sample: sample.key == topics.STATUS.key(HIS))
@@ -252,7 +282,7 @@ def test_requests_to_another_robot_have_no_effect(telling: RouterStage, name: st
 
 
 def status_of(bus: Bus, robot: str) -> RobotStatus:
-    """Return a status that was sent after now."""
+    """Return a status sent after now."""
     with listening(bus, topics.STATUS.key(robot)) as ear:
         for _ in range(2):
             sample = ear.until(lambda _: True)
@@ -304,7 +334,7 @@ def test_a_robot_cannot_act_as_another(telling: RouterStage) -> None:
 def test_a_certificate_that_the_rules_do_not_name_reaches_no_robot(
     stage: RouterStage, tmp_path: Path
 ) -> None:
-    """One of the same authority, made after the router was started."""
+    """From the same authority, made after the router was started."""
     shutil.copytree(stage.folder.path, tmp_path / "keys")
     carol = security.client("carol", Role.OPERATOR)
     folder = make_router_keys(
@@ -320,5 +350,5 @@ def test_a_certificate_that_the_rules_do_not_name_reaches_no_robot(
 
 
 def files_of(folder: KeyFolder, name: str) -> dict[str, Path]:
-    """Return the settings of a session that name files, for another client."""
+    """Return the session settings that name files, for another client."""
     return dict(from_file(str(folder.settings_file(name))).files)

@@ -59,7 +59,7 @@ def run_in(folder: Path, files: dict[str, str], **variables: str) -> tuple[int, 
     done = subprocess.run(
         [folder / "run_tests"],
         cwd=folder,
-        # Plugins take most of the start of each of these runs, and these tests need none.
+        # Plugins dominate the start of these runs, and these tests need none.
         env=os.environ
         | {"TEST_PRIORITIES": "same", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
         | variables,

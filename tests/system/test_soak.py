@@ -1,4 +1,4 @@
-"""`make soak` passes in short, and cannot pass when something dies, grows or gets slow."""
+"""A short `make soak` passes, and cannot pass if a process dies, grows or slows down."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Start = Callable[[int], subprocess.Popen[str]]
 
 @pytest.fixture
 def start() -> Generator[Start]:
-    """Soak for so many seconds, in a process that does not outlive the test."""
+    """Soak for some seconds, in a process that does not outlive the test."""
     started: list[subprocess.Popen[str]] = []
 
     def run(seconds: int) -> subprocess.Popen[str]:
@@ -32,7 +32,7 @@ def start() -> Generator[Start]:
 
     yield run
     for process in started:
-        process.kill()  # What it has started ends with its standard input.
+        process.kill()  # Its children end with its standard input.
         process.communicate()
 
 
@@ -65,7 +65,7 @@ WARM_UP = [100.0 + i for i in range(100)]
 
 
 def missed(sizes_mb: list[float], **otherwise: list[float]) -> list[str]:
-    """Names of the rows that are missed, when all is well but for what is said."""
+    """Names of the failed rows for a healthy record with some changes."""
     record = Record({"it": sizes_mb}, **{**WELL, **otherwise})
     return [row.what for row in verdict(record, 1 / 3) if not row.met]
 
@@ -79,7 +79,7 @@ def test_a_peak_that_is_given_back_is_no_growth() -> None:
 
 
 def test_a_leak_is_growth() -> None:
-    """Between the beginnings of the first and the last quarter lie three quarters of a leak."""
+    """Three quarters of a leak lie between the starts of the first and the last quarter."""
     for leaked_mb, caught in ((SLACK_MB * 1.4, ["it, growth"]), (SLACK_MB * 1.2, [])):
         assert missed(WARM_UP + [200.0 + leaked_mb * i / 200 for i in range(200)]) == caught
 

@@ -1,4 +1,4 @@
-"""Virtual time belongs to the test that made it."""
+"""Virtual time is limited to the test that uses it."""
 
 from __future__ import annotations
 

@@ -28,6 +28,7 @@ DRAWINGS = {
     "top_view": top_view.draw,
     "wiring": wiring.draw,
     "wiring_bus_wheels": partial(wiring_plan.draw, "bus_wheels"),
+    "wiring_can_wheels": partial(wiring_plan.draw, "can_wheels"),
     "wiring_mega": partial(wiring_plan.draw, "mega"),
     "wiring_u2d2_can": partial(wiring_plan.draw, "u2d2_can"),
 }

@@ -10,7 +10,7 @@ from svg import AMBER, BLUE, GREY, ORANGE, RED, Point, Sheet
 
 _FOLDER = Path(__file__).parents[2] / "wiring"
 _COLOURS = {"supply": RED, "drive": ORANGE, "servos": AMBER, "control": BLUE}
-_MOTORS = ("ESC", "VESC")
+_MOTORS = ("ESC", "VESC", "moteus")
 _WIDTH, _LEFT = 1000, 28
 _BOX, _COLUMN, _ROW = (132, 34), 262, 52
 _TOP, _SECTION = 92, 46
@@ -34,9 +34,10 @@ def draw(name: str) -> str:
     sheet.text((_WIDTH / 2, 36), plan["title"], size=17, style="b", halo=False)
     _heading(sheet, 72, "Power: fuse at the source, cross-section, largest continuous current")
     _power(sheet, plan["wires"], leaves)
+    supply = next((wire["from"] for wire in plan["wires"] if wire["name"] == "coil"), "")
     for contactor in plan.get("contactors", []):
         radio = any(part["name"] == "radio stop" for part in plan["parts"])
-        _coil(sheet, coil_y, contactor, radio=radio)
+        _coil(sheet, coil_y, contactor, supply, radio=radio)
     _heading(sheet, data_y, "Data")
     for row, chain in enumerate(chains):
         _chain(sheet, data_y + 36 + 84 * row, chain)
@@ -104,14 +105,14 @@ def _motor(sheet: Sheet, at: Point) -> None:
     sheet.text((at[0] + 22, at[1] + 4), "M", size=10, halo=False)
 
 
-def _coil(sheet: Sheet, y: float, contactor: dict[str, Any], *, radio: bool) -> None:
+def _coil(sheet: Sheet, y: float, contactor: dict[str, Any], supply: str, *, radio: bool) -> None:
     """Draw the circuit of a contactor's coil, and its main contacts with the precharge."""
     _heading(
         sheet, y, "Coil circuit: stop opens it, start closes it, the auxiliary contact keeps it"
     )
     rail = y + 62
     low = rail + 44
-    sheet.text((_LEFT, rail - 10), "+ of the servo distribution", size=11, anchor="start")
+    sheet.text((_LEFT, rail - 10), f"+ of the {supply}", size=11, anchor="start")
     for points in (
         [(_LEFT, rail), (390, rail)],
         [(370, rail), (370, low), (390, low)],

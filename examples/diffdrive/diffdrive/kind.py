@@ -20,11 +20,11 @@ class Geometry(Table, frozen=True, tag="diffdrive", tag_field="kind"):
 
     wheel_radius_m: Positive
     track_m: Positive
-    """Distance of the wheels."""
+    """Distance between the wheels."""
 
 
 class Motor(Table, frozen=True):
-    """`[motor]`: both wheels are alike."""
+    """`[motor]`, the same for both wheels."""
 
     top_speed_rpm: Positive
     """Wheel speed without load."""
@@ -59,7 +59,7 @@ class DiffDriveDescription(RobotDescription, frozen=True, kw_only=True):
 
     @property
     def drives_sideways(self) -> bool:
-        """It does not; no paths are planned for it."""
+        """Always False, so no paths are planned."""
         return False
 
     def kinematics(self) -> DiffDriveKinematics:

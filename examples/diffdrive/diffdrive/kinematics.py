@@ -24,7 +24,7 @@ class DiffDriveKinematics(PlanarMotion, WheelKinematics):
     """
 
     track_m: float
-    """Distance of the wheels."""
+    """Distance between the wheels."""
 
     def __post_init__(self) -> None:
         half = 0.5 * self.track_m

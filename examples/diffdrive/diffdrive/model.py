@@ -13,7 +13,7 @@ from tsd_twin.models.links import Cylinder, alike, chassis_mass_kg
 from tsd_twin.models.solids import Drawing, Link, Parts, drawn
 
 _GAP = 4.0
-"""Between body and wheel, millimetres."""
+"""Gap between body and wheel, millimetres."""
 
 
 def draw(robot: DiffDriveDescription) -> Parts:

@@ -11,11 +11,11 @@ from diffdrive.kinematics import DiffDriveKinematics
 from tsd_twin.lie import SE2, Array
 
 _STEP_S = 0.01
-"""Longest step of integration."""
+"""Maximum integration step."""
 
 
 class DiffDriveSimulation:
-    """`batch` equal robots at the same virtual time; `()` is a single one."""
+    """`batch` equal robots at the same virtual time; `()` is a single robot."""
 
     def __init__(
         self,
@@ -53,7 +53,7 @@ class DiffDriveSimulation:
         self._setpoint[...] = setpoint
 
     def degrade(self, shares: Array) -> None:
-        """Slow the wheels down to `shares` (..., 2) of their set-points."""
+        """Slow the wheels down to `shares` (..., 2) of their setpoints."""
         self._shares[...] = shares
 
     def set_battery(self, battery_v: float) -> None:
@@ -83,7 +83,7 @@ class DiffDriveSimulation:
         goal = np.clip(self._setpoint * self._shares, -limit, limit)
         before, reached = self.joints, 1.0 - np.exp(-dt_s / self._time_constant_s)
         self.joints = before + reached * (goal - before)
-        # Mean speed over the step: the approach is exponential.
+        # The mean speed over the step, because the approach is exponential.
         mean = goal + (before - goal) * reached * self._time_constant_s / dt_s
         moved = self.kinematics.forward(mean).twist * dt_s
         skid = self._skid_share * np.abs(moved[..., 0]) / np.sqrt(dt_s)

@@ -34,6 +34,6 @@ class DiffDriveTelemetry:
         return {"joints": [*wheels, radii]}
 
     def _radius_m(self, joints: Array) -> float | None:
-        """Return the radius of the curve; None when it drives straight."""
+        """Return the radius of the curve, or None when driving straight."""
         forward, _, turn = self._drive.forward(joints).twist.tolist()
         return round(forward / turn, 2) if abs(turn) > _STRAIGHT_RAD_PER_S else None

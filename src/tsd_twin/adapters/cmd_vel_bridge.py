@@ -22,7 +22,6 @@ from tsd_twin.adapters.cmd_vel import (
     HandOver,
     LeaseAction,
 )
-from tsd_twin.adapters.frames import yaw_pitch_roll
 from tsd_twin.client import (
     AsyncRobotClient,
     AsyncRobotControl,
@@ -34,6 +33,7 @@ from tsd_twin.client import (
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SO3
 from tsd_twin.messages.pose import PoseStamped
+from tsd_twin.models.links import roll_pitch_yaw
 from tsd_twin.robots.description import Limits
 
 _LOG = logging.getLogger(__name__)
@@ -118,7 +118,7 @@ class CmdVelBridge:
                 await control.set_orientation(x=x, y=y, z=z, w=w)
             else:
                 x_m, y_m = float(pose.position_m[0]), float(pose.position_m[1])
-                heading_rad, _, _ = yaw_pitch_roll((w, x, y, z))
+                _, _, heading_rad = roll_pitch_yaw((w, x, y, z))
                 await control.set_pose(x_m=x_m, y_m=y_m, heading_rad=heading_rad)
 
         return await self._answer(self._request(act, keep=False))

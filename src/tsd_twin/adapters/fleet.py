@@ -24,10 +24,9 @@ from tsd_twin.client.state import CallbackSubscription
 from tsd_twin.errors import BusError, TwinError
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import BASE, ODOM
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import Event
-from tsd_twin.messages.topics import Topic
+from tsd_twin.messages.topics import Sample, Topic
 from tsd_twin.models import load_parts, robot_urdf
 from tsd_twin.models.solids import Part
 from tsd_twin.robots import RobotDescription

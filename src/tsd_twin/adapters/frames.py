@@ -7,8 +7,10 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from tsd_twin.messages.errors import MessageError
-from tsd_twin.models.links import roll_pitch_yaw
+from tsd_twin.models.links import from_roll_pitch_yaw, roll_pitch_yaw, three_numbers
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -84,7 +86,7 @@ class UrdfTree:
             return {}
         return {
             self.ball + ring: angle
-            for ring, angle in zip(_RINGS, yaw_pitch_roll(turn), strict=True)
+            for ring, angle in zip(_RINGS, reversed(roll_pitch_yaw(turn)), strict=True)
         }
 
 
@@ -109,24 +111,19 @@ def _joint(element: ET.Element) -> UrdfJoint:
     if parent is None or child is None:
         raise ValueError("a joint has no parent or no child")
     origin, axis = element.find("origin"), element.find("axis")
-    xyz = _three(origin.get("xyz") if origin is not None else None)
-    turn = from_roll_pitch_yaw(*_three(origin.get("rpy") if origin is not None else None))
-    place = Transform(parent.attrib["link"], child.attrib["link"], xyz, turn)
+    at = {} if origin is None else origin.attrib
+    turn = from_roll_pitch_yaw(np.array(three_numbers(at.get("rpy"))))
+    w, x, y, z = turn.wxyz.tolist()
+    xyz = three_numbers(at.get("xyz"))
+    place = Transform(parent.attrib["link"], child.attrib["link"], xyz, (w, x, y, z))
     if element.get("type") not in _MOVING:
         return UrdfJoint(element.attrib["name"], place, None)
-    about = _three(axis.get("xyz") if axis is not None else "1 0 0")
+    about = three_numbers(None if axis is None else axis.get("xyz"), (1.0, 0.0, 0.0))
     length = math.hypot(*about)
     if not length > 0.0:
         raise ValueError("an axis has no direction")
     x, y, z = (part / length for part in about)
     return UrdfJoint(element.attrib["name"], place, (x, y, z))
-
-
-def _three(text: str | None) -> Vector:
-    x, y, z = (float(part) for part in (text or "0 0 0").split())
-    if not all(map(math.isfinite, (x, y, z))):
-        raise ValueError("a number is not finite")
-    return x, y, z
 
 
 class WheelAngles:
@@ -173,24 +170,3 @@ def product(a: Quaternion, b: Quaternion) -> Quaternion:
         aw * by - ax * bz + ay * bw + az * bx,
         aw * bz + ax * by - ay * bx + az * bw,
     )
-
-
-def rotated_back(turn: Quaternion, vector: Vector) -> Vector:
-    """Rotate a vector into the axes of a frame with orientation `turn`."""
-    w, x, y, z = turn
-    _, *rotated = product(product((w, -x, -y, -z), (0.0, *vector)), turn)
-    return rotated[0], rotated[1], rotated[2]
-
-
-def from_roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> Quaternion:
-    """Return the orientation for a URDF `rpy` (rotations about fixed X, then Y, then Z)."""
-    about_x = (math.cos(0.5 * roll), math.sin(0.5 * roll), 0.0, 0.0)
-    about_y = (math.cos(0.5 * pitch), 0.0, math.sin(0.5 * pitch), 0.0)
-    about_z = (math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw))
-    return product(product(about_z, about_y), about_x)
-
-
-def yaw_pitch_roll(turn: Quaternion) -> Vector:
-    """Return the intrinsic Z-Y-X angles (yaw, pitch, roll) of an orientation."""
-    roll, pitch, yaw = roll_pitch_yaw(turn)
-    return yaw, pitch, roll

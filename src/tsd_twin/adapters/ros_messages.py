@@ -23,8 +23,8 @@ from tsd_twin.adapters.frames import (
     UrdfTree,
     WheelAngles,
     parse_urdf,
-    rotated_back,
 )
+from tsd_twin.lie import SO3
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import BASE, ODOM, decode_joints
 from tsd_twin.messages.codes import Reason
@@ -279,7 +279,8 @@ class RobotMapping:
         if ball is not None:
             # The bus uses base axes, ROS the axes of the child frame.
             spin = raw.twist.twist.angular
-            spin.x, spin.y, spin.z = rotated_back(quaternion, (spin.x, spin.y, spin.z))
+            base = SO3(np.array(quaternion)).inverse()
+            spin.x, spin.y, spin.z = base.rotate(np.array([spin.x, spin.y, spin.z])).tolist()
         raw.header.frame_id = self.names.frame(ODOM)
         raw.child_frame_id = self.names.frame(ball or FOOTPRINT)
         yield self._message(row, raw)
@@ -442,7 +443,8 @@ def diagnose(
     counts = {f"dropped_{name}": count for name, count in asdict(command.dropped).items()}
     ages = {"age_s": command.age_s, "echo_s": command.echo_s, "counted": command.accepted}
     suspect = consistency.suspect
-    agrees = "consistent" if suspect is None else f"{suspect} contradicts the others"
+    disagrees = suspect is not None or consistency.level > 1.0
+    agrees = f"{suspect or 'one of them'} contradicts the others" if disagrees else "consistent"
     residual = {"residual_mps": consistency.residual_mps, "level": consistency.level}
     late = WARN if loop.longest_ms >= LATE_S * 1000.0 else OK
     rate = f"{loop.hz:.0f} Hz, longest period {loop.longest_ms:.0f} ms"
@@ -451,7 +453,7 @@ def diagnose(
         ("mode", level, status.stop_reason or status.mode, {**mode, **reason}),
         ("commands", OK, f"{command.accepted} counted", {**ages, **counts}),
         ("cmd_vel", ERROR if input_problem else OK, input_problem or "ok", {}),
-        ("consistency", OK if suspect is None else WARN, agrees, {**residual}),
+        ("consistency", WARN if disagrees else OK, agrees, {**residual}),
         ("loop", late, rate, asdict(loop)),
     ]
     volts = _volts(status)

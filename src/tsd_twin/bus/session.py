@@ -18,8 +18,7 @@ import zenoh.ext
 from tsd_twin.bus.config import NO_ANSWER, Config, as_client, reason
 from tsd_twin.bus.half_open import HalfOpenConnectionWatchdog
 from tsd_twin.errors import BusError, NoAnswerError, SeveralAnswersError
-from tsd_twin.messages.commands import Sample
-from tsd_twin.messages.topics import QoS
+from tsd_twin.messages.topics import QoS, Sample
 
 _LOG = logging.getLogger(__name__)
 

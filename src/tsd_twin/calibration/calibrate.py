@@ -106,41 +106,25 @@ def _write_description(
 
 def _flags(parser: argparse.ArgumentParser) -> None:
     add_drive_flags(parser, "drive a robot on the bus, guided; else a simulated one, or --log")
-    parser.add_argument(
-        "--log",
-        metavar="FILE",
-        help="drives that were recorded, not simulated: a recording of tsd-record, run.mcap, or a "
-        "CSV file; with --drive, one more is added to them",
+    text = (
+        "drives that were recorded, not simulated: a recording of tsd-record, run.mcap, or a "
+        "CSV file; with --drive, one more is added to them"
     )
-    parser.add_argument(
-        "--robot",
-        default="tsd",
-        metavar="NAME|FILE",
-        help="default tsd; a robot on the bus sends its own description",
-    )
-    parser.add_argument(
-        "--errors",
-        type=flags.SCALE,
-        default=1.0,
-        metavar="SCALE",
-        help="factor on [errors], further model errors of the simulated robot; default 1",
-    )
+    flags.add(parser, "--log", text, metavar="FILE")
+    text = "default tsd; a robot on the bus sends its own description"
+    flags.add(parser, "--robot", text, default="tsd", metavar="NAME|FILE")
+    text = "factor on [errors], further model errors of the simulated robot"
+    flags.add(parser, "--errors", text, flags.SCALE, 1.0, "SCALE")
     parser.add_argument(
         "--tachometer",
         action=argparse.BooleanOptionalAction,
         default=True,
         help="the simulated robot measures its wheel speeds; default yes",
     )
-    parser.add_argument(
-        "--same-speed",
-        action="store_true",
-        help="simulate all wheels at one speed, which leaves some zeros unobservable",
-    )
-    parser.add_argument(
-        "--write-to",
-        metavar="FILE.toml",
-        help="description to write to, comments kept; a new one is a copy of the robot's",
-    )
+    text = "simulate all wheels at one speed, which leaves some zeros unobservable"
+    parser.add_argument("--same-speed", action="store_true", help=text)
+    text = "description to write to, comments kept; a new one is a copy of the robot's"
+    flags.add(parser, "--write-to", text, metavar="FILE.toml")
 
 
 EXPERIMENT = Experiment(

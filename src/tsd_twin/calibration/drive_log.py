@@ -14,11 +14,11 @@ from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import decode_joints
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.pose import decode_pose_measurement
 from tsd_twin.messages.status import RobotStatus, decode_stamp, decode_status, encode_stamp
+from tsd_twin.messages.topics import Sample
 from tsd_twin.recording import open_recording
 from tsd_twin.recording.mcap_file import entries
 from tsd_twin.robots import SingularityDescription

@@ -16,6 +16,7 @@ from collections.abc import Callable, Generator
 import numpy as np
 
 from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, as_client, client_config, from_file
+from tsd_twin.cli import flags
 from tsd_twin.client import RobotClient, RobotControl
 from tsd_twin.client.bus_port import BusLink
 from tsd_twin.client.discovery import robots_on
@@ -157,12 +158,8 @@ def longest_pause_s(limits: Limits, max_age_s: float | None) -> float:
 def add_bus_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags of the robot, the bus, the operator and the confirmation."""
     parser.add_argument("--id", help="of the robot on the bus; default: the only one")
-    parser.add_argument(
-        "--connect",
-        action="append",
-        metavar="ENDPOINT",
-        help=f"where a robot listens, may be repeated; default {DEFAULT_ENDPOINT}",
-    )
+    text = f"where a robot listens, may be repeated; default {DEFAULT_ENDPOINT}"
+    flags.add(parser, "--connect", text, metavar="ENDPOINT", repeated=True)
     parser.add_argument("--zenoh-config", metavar="FILE", help="a JSON5 file, for TLS and access")
     parser.add_argument("--operator", default="lab", help="who takes control; default lab")
     parser.add_argument("--yes", action="store_true", help="begin at once")

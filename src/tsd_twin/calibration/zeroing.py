@@ -366,20 +366,13 @@ def _advice(
 
 def _flags(parser: argparse.ArgumentParser) -> None:
     add_bus_flags(parser)
-    parser.add_argument(
-        "--seconds",
-        type=flags.number(_MIN_S, _MAX_S),
-        default=LIMIT_S,
-        help=f"to watch it; default {LIMIT_S:g}",
-    )
+    text = f"to watch it; default {LIMIT_S:g}"
+    flags.add(parser, "--seconds", text, flags.number(_MIN_S, _MAX_S), LIMIT_S)
     parser.add_argument(
         "--by-hand", action="store_true", help="ask how far it went, also when its pose is measured"
     )
-    parser.add_argument(
-        "--write-to",
-        metavar="FILE.toml",
-        help="description to put new zeros into, its comments kept; or a copy of the robot's own",
-    )
+    text = "description to put new zeros into, its comments kept; or a copy of the robot's own"
+    flags.add(parser, "--write-to", text, metavar="FILE.toml")
 
 
 EXPERIMENT = Experiment(

@@ -103,8 +103,8 @@ def measure(
 ) -> PlanarPose | Refusal:
     """Return the robot's pose with its covariance, or the reason for which it is not believed.
 
-    `view_covariance` (14, 14) belongs to the parameters of the view; `sigma_px` is the standard
-    deviation of each coordinate of a corner.
+    `view_covariance` (14, 14) belongs to the parameters of the view; `sigma_px` is the smallest
+    standard deviation of each coordinate of a corner.
     """
     side = sighting.side_px
     if side < LEAST_BELIEVED_PX:
@@ -118,7 +118,8 @@ def measure(
         return _named(view, tag, sighting.corners)
     inverse = np.linalg.inv(jacobian.T @ jacobian)
     mounting = _mounting(view, view_covariance, tag, pose, inverse @ jacobian.T, errors)
-    noise = np.asarray(sigma_px**2 * inverse, float)
+    # A corner that was found in a wrong place, by the detector or its refinement, shows in the fit.
+    noise = np.asarray(max(sigma_px, residual_px) ** 2 * inverse, float)
     return PlanarPose(pose, noise, mounting, residual_px, side)
 
 

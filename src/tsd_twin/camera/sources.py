@@ -51,7 +51,7 @@ class Source(Protocol):
     """Stream of pictures."""
 
     def read(self, timeout_s: float) -> CameraFrame | None:
-        """Return the next picture, or the newest one of a live camera; None after the timeout.
+        """Return the next picture, or the latest one of a live camera; None after the timeout.
 
         Raises:
             TwinError: If the source has ended.
@@ -169,7 +169,7 @@ class LiveSource:
         self._thread.start()
 
     def read(self, timeout_s: float) -> CameraFrame | None:
-        """Return the newest picture unless it was returned before; None after the timeout."""
+        """Return the latest picture, at most once; None after the timeout."""
         with self._arrived:
             self._arrived.wait_for(lambda: self._newest is not None, timeout_s)
             frame, self._newest = self._newest, None

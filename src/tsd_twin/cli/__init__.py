@@ -1,1 +1,1 @@
-"""Common parts of the programs: flags, signals, errors of one sentence, experiments."""
+"""Common parts of the programs: flags, signals, one-line errors, experiments."""

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from tsd_twin import models, robots
 from tsd_twin.bus import Bus, dialling_config
-from tsd_twin.cli import joining, program
+from tsd_twin.cli import joining, program, robot_flags
 from tsd_twin.errors import TwinError
 from tsd_twin.hardware.robot_io import RobotIO
 from tsd_twin.lie import SE2, SO3
@@ -40,7 +40,7 @@ def serve(
     companion service on the same bus. With a flag `--count`, that many robots run, each with its
     own id, session and thread.
     """
-    program.add_robot_flags(made)
+    robot_flags.add_robot_flags(made)
     program.add_node_flags(made)
     joining.add_join_flags(made)
 
@@ -69,7 +69,7 @@ def serve(
                 nodes.append(node)
                 service = companion(bus, robot_id, robot, own) if companion else nullcontext()
                 stack.enter_context(service)
-                where = " ".join(bus.endpoints()) or own.zenoh_config or own.connect
+                where = " ".join(first.endpoints()) or own.zenoh_config or own.connect
                 if len(nodes) == getattr(args, "count", 1):
                     program.say_ready(f"{made.prog} {robot_id} on {where}")
             _run(nodes, stop)

@@ -13,21 +13,25 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Generator, Sequence
+from logging.handlers import QueueHandler, QueueListener, RotatingFileHandler
 from pathlib import Path
-from ssl import SSLContext
+from queue import SimpleQueue
 from types import FrameType
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
-from tsd_twin import __version__, robots
+from tsd_twin import __version__
 from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, Config, client_config, from_file, node_config
 from tsd_twin.cli import flags
 from tsd_twin.errors import MissingExtraError, TwinError, check_extra
 from tsd_twin.messages import topics
 from tsd_twin.security import BusIdentity, Role
-from tsd_twin.simulation import PLANTS
+
+if TYPE_CHECKING:
+    from ssl import SSLContext  # Takes 4 MB, which a router need not spend.
 
 _LOG = logging.getLogger(__name__)
 _PATIENCE_S = 2.0
+_LOG_BYTES, _LOG_PARTS = 1_000_000, 5
 
 
 class _Parser(argparse.ArgumentParser):
@@ -67,6 +71,8 @@ def parser(prog: str, purpose: str, examples: Sequence[str]) -> argparse.Argumen
         "--until-eof", action="store_true", help="end when standard input ends, as a child does"
     )
     made.add_argument("-v", "--verbose", action="store_true", help="log in detail to stderr")
+    text = f"also log in detail to FILE; older parts are FILE.1 to FILE.{_LOG_PARTS}, 1 MB each"
+    made.add_argument("--log-file", type=Path, metavar="FILE", help=text)
     return made
 
 
@@ -76,21 +82,6 @@ def with_examples(examples: Sequence[str]) -> dict[str, Any]:
         "epilog": "examples:\n" + "\n".join(f"  {example}" for example in examples),
         "formatter_class": argparse.RawDescriptionHelpFormatter,
     }
-
-
-def add_robot_flags(made: argparse.ArgumentParser, *, several: bool = False) -> None:
-    """Add `--robot`, a list when there may be `several`, and `--id`."""
-    shipped = ", ".join(robots.robot_names())
-    text = f"a shipped robot ({shipped}) or a TOML file of yours; default tsd"
-    usual = None if several else "tsd"
-    flags.add(made, "--robot", text, default=usual, metavar="NAME|FILE", repeated=several)
-    made.add_argument("--id", help="id on the bus, 1 to 32 of a-z 0-9 _ -; default: its name")
-
-
-def add_errors_flag(made: argparse.ArgumentParser, default: float = 0.0) -> None:
-    """Add `--errors`."""
-    text = "factor on [errors], the model errors of a built robot"
-    flags.add(made, "--errors", text, flags.SCALE, default, "SCALE")
 
 
 def add_viewport_flags(made: argparse.ArgumentParser) -> None:
@@ -112,15 +103,6 @@ def viewport_flags(args: argparse.Namespace) -> list[str]:
     """Return the given flags of `add_viewport_flags`, for another program."""
     given = {"--viewport-port": args.viewport_port, "--viewport-origin": args.viewport_origin}
     return [text for key, value in given.items() if value is not None for text in (key, str(value))]
-
-
-def add_plant_flag(made: argparse.ArgumentParser) -> None:
-    """Add `--plant`."""
-    text = (
-        "plant: rolling by the equations (default), or rigid bodies in MuJoCo, "
-        "for which the extra `mujoco` must be installed"
-    )
-    flags.add(made, "--plant", text, default="kinematic", choices=sorted(PLANTS))
 
 
 def add_node_flags(made: argparse.ArgumentParser) -> None:
@@ -319,7 +301,7 @@ def certificate(args: argparse.Namespace) -> BusIdentity | None:
     if file is None:
         return None
     # Late, because it needs the extra `tls`.
-    from tsd_twin.security.certificates import certificate_identity
+    from tsd_twin.security.key_folder import certificate_identity
 
     return certificate_identity(file)
 
@@ -356,14 +338,44 @@ def run(made: argparse.ArgumentParser, body: Callable[[argparse.Namespace], None
     """
     args = made.parse_args()
     gc.freeze()  # Modules live as long as the process: each collection, and the end, is shorter.
-    logging.basicConfig(
-        level=logging.INFO if args.verbose else logging.WARNING,
-        format="%(asctime)s %(name)s: %(message)s",
-        stream=sys.stderr,
-    )
     try:
-        body(args)
+        with _logging(args):
+            body(args)
     except MissingExtraError as error:
         made.exit(2, f"{made.prog}: {error}\n")
     except TwinError as error:
         sys.exit(f"{made.prog}: {error}")
+
+
+@contextlib.contextmanager
+def _logging(args: argparse.Namespace) -> Generator[None]:
+    """Log to stderr, and to a file on a separate thread: a slow disk must not delay a robot.
+
+    Raises:
+        TwinError: If the file cannot be written.
+    """
+    layout = "%(asctime)s %(name)s: %(message)s"
+    level = logging.INFO if args.verbose else logging.WARNING
+    logging.basicConfig(level=level, format=layout, stream=sys.stderr)
+    if args.log_file is None:
+        yield
+        return
+    try:
+        file = RotatingFileHandler(args.log_file, maxBytes=_LOG_BYTES, backupCount=_LOG_PARTS)
+    except OSError as error:
+        raise TwinError(f"the log cannot be written: {error}") from error
+    file.setFormatter(logging.Formatter(layout))
+    root, lines = logging.getLogger(), SimpleQueue[logging.LogRecord]()
+    for handler in root.handlers:
+        handler.setLevel(level)
+    root.setLevel(logging.INFO)
+    queued = QueueHandler(lines)
+    root.addHandler(queued)
+    listener = QueueListener(lines, file)
+    listener.start()
+    try:
+        yield
+    finally:
+        root.removeHandler(queued)
+        listener.stop()
+        file.close()

@@ -15,12 +15,11 @@ from tsd_twin.client.protocol import ControlProtocol
 from tsd_twin.client.state import RobotState, Subscription
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import Odometry, decode_joints
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.services import decode_json
 from tsd_twin.messages.status import RobotStatus
-from tsd_twin.messages.topics import Topic
+from tsd_twin.messages.topics import Sample, Topic
 
 _FIRST_STATE_S = 3.0
 

@@ -25,12 +25,11 @@ from tsd_twin.lie import SO3, Array
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import Odometry, decode_odometry
 from tsd_twin.messages.codes import Code, because
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import duplicate_id_text
 from tsd_twin.messages.services import Description, decode_json, encode_refusal
 from tsd_twin.messages.status import RobotStatus, decode_stamp, decode_status
-from tsd_twin.messages.topics import Service, Topic
+from tsd_twin.messages.topics import Sample, Service, Topic
 from tsd_twin.robots import RobotDescription
 
 _DESCRIPTION_S = 5.0

@@ -358,7 +358,10 @@ class BaseControl(ABC, Generic[ClientT, DoneT]):
     ) -> DoneT:
         """Drive straight to a point in `odom` (closed loop); return once at rest there.
 
-        Without `heading_rad`, the heading is kept. `speed_mps` lowers the speed limit.
+        Feedback is the robot's estimate, `state.odom`, which includes poses of a pose sensor if one
+        reports them. Without, the true position is off by the drift of the estimate; see its
+        `pose_covariance`. Without `heading_rad`, the heading is kept. `speed_mps` lowers the speed
+        limit.
 
         Raises:
             PathError: If no such path exists.

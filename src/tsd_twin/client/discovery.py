@@ -124,6 +124,6 @@ def _with_certificate(config: Config, certificate: Path) -> tuple[Config, str]:
 
 def _operator_in(certificate: Path) -> str:
     # Late, because it needs the extra `tls`.
-    from tsd_twin.security.certificates import certificate_identity
+    from tsd_twin.security.key_folder import certificate_identity
 
     return certificate_identity(certificate).name

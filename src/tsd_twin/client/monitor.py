@@ -19,8 +19,14 @@ from tsd_twin.messages.cdr import JointState, Odometry, decode_joints
 from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.sentences import sentence
-from tsd_twin.messages.status import Refusals, RobotStatus, decode_stamp
-from tsd_twin.messages.topics import Topic
+from tsd_twin.messages.status import (
+    Refusals,
+    RobotStatus,
+    decode_stamp,
+    decode_status,
+    decode_summary,
+)
+from tsd_twin.messages.topics import Sample, Topic
 
 MAX_ROUND_TRIPS = 40
 """Window of round trips (the last 10 s)."""
@@ -80,6 +86,12 @@ class Snapshot:
     """Send time of the status on the robot's monotonic clock."""
     received_s: float = -np.inf
     """Arrival time of the latest state, on the clock passed to `poll`."""
+    in_summary: bool = False
+    """Whether states arrive in summaries, twice a second."""
+
+    def overdue_s(self, now_s: float) -> float:
+        """Return the time since a state was due, which is its age unless it is in summaries."""
+        return now_s - self.received_s - self.in_summary / topics.SUMMARY.rate_hz
 
 
 _NO_MESHES = (
@@ -122,8 +134,10 @@ class RobotMonitor(RobotConnection):
             "truth": (topics.TRUTH, self.decode_odometry),
         }
         self._subscribers: dict[str, Subscriber] = {}
+        self._status: Subscriber | None = None
+        self._summary = self.subscriber(topics.SUMMARY, 1)
+        self._sends_summaries = False
         self.set_streaming(True)
-        self._status = self.subscriber(topics.STATUS, 1)
 
     @property
     def is_recording(self) -> bool:
@@ -135,29 +149,39 @@ class RobotMonitor(RobotConnection):
 
     def close(self) -> None:
         """Close all subscriptions and publishers; the bus stays open."""
-        for subscriber in self._subscribers.values():
-            subscriber.close()
-        self._status.close()
+        self._end_streams()
+        self._summary.close()
         super().close()
 
-    def set_streaming(self, on: bool) -> None:
-        """Subscribe to all displayed topics, or only to the status; call from the thread of `poll`.
+    @property
+    def is_streaming(self) -> bool:
+        """Whether all streams arrive at their rates; thread-safe."""
+        return self._status is not None
 
-        Robots do not encode messages without subscribers. Switching off clears the displayed state,
-        so that the next page does not show stale data as new.
+    def set_streaming(self, on: bool) -> None:
+        """Subscribe to all displayed topics, or only to summaries; call from the thread of `poll`.
+
+        Robots do not encode messages without subscribers. A robot that has never sent a summary,
+        such as an older one or a replay of its recording, is not reduced to it.
         """
-        if on == bool(self._subscribers):
+        if on == self.is_streaming:
             return
         if on:
             self._subscribers = {
                 name: self.subscriber(topic, 1) for name, (topic, _) in self._streams.items()
             }
-            return
+            self._status = self.subscriber(topics.STATUS, 1)
+        elif self._sends_summaries:
+            self._end_streams()
+            self.snapshot = replace(self.snapshot, in_summary=True)
+
+    def _end_streams(self) -> None:
         for subscriber in self._subscribers.values():
             subscriber.close()
         self._subscribers = {}
-        none = dict.fromkeys(self._streams)
-        self.snapshot = replace(self.snapshot, **none, odom_received_s=-np.inf)
+        if self._status is not None:
+            self._status.close()
+            self._status = None
 
     def poll(self, now_s: float) -> bool:
         """Process received messages; return whether a new status arrived.
@@ -166,7 +190,9 @@ class RobotMonitor(RobotConnection):
         mix; its status gives the reason.
         """
         fresh: dict[str, Any] = {}
-        new_status = self._poll_streams(fresh, now_s)
+        new_status = self._poll_summary(fresh) or self._poll_streams(fresh)
+        if fresh.get("odom") is not None:
+            fresh["odom_received_s"] = now_s
         if self.has_duplicate:
             fresh = self._of_two(fresh) if new_status else {}
         else:
@@ -192,19 +218,43 @@ class RobotMonitor(RobotConnection):
         number = self.snapshot.status_seq + 1
         return {"status": self._frozen, "status_seq": number, "source": "several"}
 
-    def _poll_streams(self, fresh: dict[str, Any], now_s: float) -> bool:
+    def _poll_summary(self, fresh: dict[str, Any]) -> bool:
+        if (sample := self._summary.newest()) is None:
+            return False
+        try:
+            found = self._of_summary(sample)
+        except (MessageError, KeyError):
+            return False
+        self._sends_summaries = True
+        if self.is_streaming:  # The streams are newer.
+            return False
+        fresh |= found
+        return True
+
+    def _of_summary(self, sample: Sample) -> dict[str, Any]:
+        summary = decode_summary(sample.payload)
+        payloads = summary.payloads
+        found: dict[str, Any] = {
+            name: decode(payloads[topic.path]) if topic.path in payloads else None
+            for name, (topic, decode) in self._streams.items()
+        }
+        found["status"] = decode_status(payloads[topics.STATUS.path])
+        found["status_seq"] = summary.status_seq
+        found["status_robot_s"] = 1e-9 * decode_stamp(sample.attachment)[1]
+        found["in_summary"] = True
+        return found
+
+    def _poll_streams(self, fresh: dict[str, Any]) -> bool:
         for name, subscriber in self._subscribers.items():
             if (sample := subscriber.newest()) is not None:
                 try:
                     fresh[name] = self._streams[name][1](sample.payload)
                 except MessageError:
                     continue  # The age of the state reveals invalid samples.
-        if "odom" in fresh:
-            fresh["odom_received_s"] = now_s
         return self._poll_status(fresh)
 
     def _poll_status(self, fresh: dict[str, Any]) -> bool:
-        sample = self._status.newest()
+        sample = None if self._status is None else self._status.newest()
         if sample is None:
             return False
         try:
@@ -212,4 +262,5 @@ class RobotMonitor(RobotConnection):
             fresh["status_robot_s"] = 1e-9 * decode_stamp(sample.attachment)[1]
         except MessageError:
             return False
+        fresh["in_summary"] = False
         return True

@@ -399,6 +399,11 @@ class ControlProtocol(HeldLease):
             )
         return SE2(self._xy_heading)
 
+    @property
+    def estimated_twist(self) -> Array | None:
+        """(3,): latest estimated twist in the base frame, or None before any."""
+        return self._twist
+
     def planar(self, vx_mps: float, vy_mps: float, omega_rad_per_s: float) -> Sequence[float]:
         """Return a planar twist (3,), in m/s and rad/s.
 

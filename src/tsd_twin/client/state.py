@@ -96,7 +96,7 @@ class OdometryState:
 
     @property
     def covariance(self) -> Array:
-        """(3, 3): of x, y, heading; for spheres, of small rotations about the axes of `odom`."""
+        """(3, 3): x, y, heading; for spheres, small rotations about the axes of `odom`."""
         return self.message.pose_covariance
 
     @property

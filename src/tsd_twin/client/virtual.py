@@ -27,9 +27,8 @@ from tsd_twin.link_emulation.link import LinkModel
 from tsd_twin.link_emulation.spec import LinkSpec
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import Odometry, wrapped_heading
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.status import LoopStatus, RobotStatus
-from tsd_twin.messages.topics import Service
+from tsd_twin.messages.topics import Sample, Service
 from tsd_twin.robots import RobotDescription
 from tsd_twin.simulation import SimRobot
 

@@ -10,10 +10,10 @@ import numpy as np
 from tsd_twin.client.protocol import ControlProtocol
 from tsd_twin.client.virtual import PERIOD_S
 from tsd_twin.control import RobotController
+from tsd_twin.control.state_estimator import VOLT_STEP
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.cdr import BASE, Odometry
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.services import (
     HolderRequest,
@@ -24,16 +24,13 @@ from tsd_twin.messages.services import (
     SpeedRequest,
 )
 from tsd_twin.messages.status import LoopStatus, RobotStatus
-from tsd_twin.messages.topics import Service, twist_key
+from tsd_twin.messages.topics import Sample, Service, twist_key
 from tsd_twin.robots import RobotDescription
 from tsd_twin.simulation import SimRobot
 
 _STATUS_EVERY = 5
 """Status every 5 periods (20 Hz)."""
 
-
-VOLT_STEP = 0.1
-"""Resolution of the supply voltage reported by an MX-64 (Robotis e-Manual, present voltage)."""
 _LAB = "lab"
 _ARMING_S = 60.0
 _ANY_M = 1000.0

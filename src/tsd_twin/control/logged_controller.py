@@ -25,11 +25,10 @@ from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.cdr import Odometry
 from tsd_twin.messages.codes import Reason
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.services import LeaseReply, Reply
 from tsd_twin.messages.status import LoopStatus, RobotStatus
-from tsd_twin.messages.topics import Service
+from tsd_twin.messages.topics import Sample, Service
 from tsd_twin.robots import RobotDescription
 
 

@@ -141,6 +141,8 @@ def _largest(twist: Array) -> float:
 
 
 _REPORT_S = 1.0
+_ALIKE = 0.9
+"""Contribution to a contradiction, relative to the largest, above which an actuator may be it."""
 
 
 class FaultReporter:
@@ -150,12 +152,26 @@ class FaultReporter:
         self._last: str | None = None
         self._reported_s = -math.inf
 
-    def step(self, suspect: str | None, now_s: float) -> Event | None:
-        """Return an event if the suspected actuator changes, or None."""
-        if suspect in (None, self._last) or now_s - self._reported_s < _REPORT_S:
+    def step(self, consistency: ConsistencyStatus, now_s: float) -> Event | None:
+        """Return an event if the suspected actuator changes, or None.
+
+        If several explain the contradiction equally well, none is suspected.
+        """
+        if consistency.level <= 1.0:
             return None
-        self._last, self._reported_s = suspect, now_s
-        why = because(Code.ACTUATOR_SUSPECT, actuator=suspect)
+        name = consistency.suspect
+        if name is not None:
+            why = because(Code.ACTUATOR_SUSPECT, actuator=name)
+        else:
+            most = max(consistency.contributions.values())
+            alike = [
+                each for each, share in consistency.contributions.items() if share > _ALIKE * most
+            ]
+            name = ", ".join(alike)
+            why = because(Code.ACTUATORS_CONTRADICT, actuators=name)
+        if name == self._last or now_s - self._reported_s < _REPORT_S:
+            return None
+        self._last, self._reported_s = name, now_s
         return Event.of("consistency", why, "consistency monitor", now_s)
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from tsd_twin.control.goal_rounding import GoalRounding
 from tsd_twin.control.monitors import (
     BatteryMonitor,
     FaultReporter,
@@ -26,7 +27,6 @@ from tsd_twin.kinematics import JointKind, Kinematics
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.cdr import ODOM, JointState, Odometry
 from tsd_twin.messages.codes import Reason
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.modes import ARMED, Mode
 from tsd_twin.messages.sentences import sentence
@@ -38,7 +38,7 @@ from tsd_twin.messages.status import (
     LoopStatus,
     RobotStatus,
 )
-from tsd_twin.messages.topics import Service
+from tsd_twin.messages.topics import Sample, Service
 from tsd_twin.motion import TwistLimiter, clip_to_finite
 from tsd_twin.robots import RobotDescription
 from tsd_twin.safety import Lease, SafetySupervisor
@@ -127,6 +127,7 @@ class RobotController:
         """Latest request and factor, and the result of `_limiter`."""
         self._solved: tuple[bytes, Array] | None = None
         """Latest twist, and its joints (n,) by inverse kinematics."""
+        self._rounding = GoalRounding.of(robot)
         self._components = np.array(self.kinematics.twist_axes)
         self._now_s = -math.inf
         self._saturation = SaturationMonitor()
@@ -170,7 +171,7 @@ class RobotController:
         self._now_s = now_s
         self._add_event(self.supervisor.loop.step(now_s))
         if dt_s > 0.0:
-            self._estimator.advance(now_s, measured, self.setpoint, dt_s)
+            self._estimator.advance(now_s, measured, self.setpoint, dt_s, battery_v)
         moves = self.supervisor.mode in (Mode.DRIVING, Mode.STOPPING)
         self._add_event(self._estimator.pose_sensor.step(now_s, at_rest=not moves))
         for sample in samples:
@@ -237,6 +238,11 @@ class RobotController:
             self.twist = np.zeros(3)
             self._saturation.share = 1.0
         self.setpoint = self._inverse(self.twist)
+        if self._rounding is not None:
+            if any(self.twist.tolist()):
+                self.setpoint = self._rounding.step(self.setpoint, min(dt_s, LONGEST_STEP_S))
+            else:
+                self._rounding.reset()
         if not supervisor.wheels_spin:
             self.setpoint[self._wheels] = 0.0
 
@@ -297,6 +303,11 @@ class RobotController:
         return self._estimator.mean_twist
 
     @property
+    def unfused_pose(self) -> Any:
+        """Dead-reckoned pose in `odom`, without corrections by a pose sensor."""
+        return self._estimator.unfused_pose
+
+    @property
     def pose(self) -> Any:
         """Estimated pose in `odom`: `SE2` or `SO3`, depending on the kinematics."""
         return self._estimator.pose
@@ -348,7 +359,7 @@ class RobotController:
         consistency = self._faults.evidence or self._estimator.consistency(
             wheels_spin=supervisor.wheels_spin
         )
-        self._add_event(self._fault_reporter.step(consistency.suspect, now_s))
+        self._add_event(self._fault_reporter.step(consistency, now_s))
         lease = supervisor.lease_in_force(now_s)
         return RobotStatus(
             mode=supervisor.mode,

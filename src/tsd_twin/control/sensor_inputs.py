@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from tsd_twin.estimation import FusedEstimate, FusionResult
 from tsd_twin.lie import SE2
 from tsd_twin.messages.codes import Code, because
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.pose import decode_pose_measurement
 from tsd_twin.messages.status import PoseSensorDrops, PoseSensorStatus
+from tsd_twin.messages.topics import Sample
 
 AHEAD_S = 0.01
 """Stamps up to this far in the future are treated as clock skew and clamped to now."""

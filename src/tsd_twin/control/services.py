@@ -134,7 +134,7 @@ class ServiceHandler:
 
 
 def _requested_pose(request: SetPoseRequest | SetOrientationRequest) -> SE2 | SO3 | None:
-    """Return the pose, or None if it is not finite or cannot be normalized."""
+    """Return the pose; None for a pose that is not finite or cannot be normalized."""
     if isinstance(request, SetPoseRequest):
         pose = np.array([request.x_m, request.y_m, request.heading_rad])
         return SE2(pose) if np.isfinite(pose).all() else None

@@ -38,6 +38,43 @@ AT_SPEED = 0.02
 """Relative speed tolerance for wheels with a non-zero setpoint."""
 AT_REST_RAD_PER_S = 0.1
 """Absolute speed tolerance for wheels with a zero setpoint."""
+VOLT_STEP = 0.1
+"""Resolution of the supply voltage reported by an MX-64 (Robotis e-Manual, present voltage)."""
+_SUPPLY_FILTER_S = 1.0
+"""Time constant of the filter of the reported voltage."""
+_PLAUSIBLE_SUPPLY = (0.5, 1.5)
+"""Reported voltages relative to nominal that are used."""
+
+
+class SupplyVoltage:
+    """Supply voltage relative to nominal, from reports in steps of 0.1 V.
+
+    The speed of a drive motor on a given throttle is proportional to it, because the curves of
+    `[motor]` are measured at nominal voltage.
+    """
+
+    def __init__(self, nominal_v: float) -> None:
+        self._nominal_v = nominal_v
+        self.is_known = False
+        """Whether a voltage has been reported."""
+        self.share = 1.0
+        """Filtered voltage relative to nominal; 1 before a report."""
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of `share` by the resolution of the reports."""
+        return VOLT_STEP / math.sqrt(12.0) / self._nominal_v
+
+    def advance(self, battery_v: float | None, dt_s: float) -> None:
+        """Advance by `dt_s` with the latest report, or None; implausible reports are ignored."""
+        if battery_v is None:
+            return
+        share = battery_v / self._nominal_v
+        if not _PLAUSIBLE_SUPPLY[0] <= share <= _PLAUSIBLE_SUPPLY[1]:
+            return
+        gain = 1.0 - math.exp(-dt_s / _SUPPLY_FILTER_S) if self.is_known else 1.0
+        self.share += gain * (share - self.share)
+        self.is_known = True
 
 
 class StateEstimator:
@@ -53,6 +90,7 @@ class StateEstimator:
         self._wheels = np.flatnonzero(~self.is_angle)
         self._needed = np.flatnonzero(self.is_angle | robot.measures_spin)
         self._spin = WheelSpeedModel(robot.spin_up(), len(self._wheels))
+        self._supply = SupplyVoltage(robot.battery.nominal_v)
         self._wheel_odom = WheelOdometry(self.kinematics, robot.joint_errors())
         self._aux_odom, prefer_second = sensor_odometry_of(robot)
         self._dead_reckoning = (
@@ -86,7 +124,14 @@ class StateEstimator:
         self.sensors = self._unmeasured
         """(s,): last readings of the other sensors, NaN where missing."""
 
-    def advance(self, now_s: float, measured: Array | None, setpoint: Array, dt_s: float) -> None:
+    def advance(
+        self,
+        now_s: float,
+        measured: Array | None,
+        setpoint: Array,
+        dt_s: float,
+        battery_v: float | None = None,
+    ) -> None:
         """Advance the estimate by `dt_s` to `now_s`.
 
         Args:
@@ -94,8 +139,10 @@ class StateEstimator:
             measured: (n + s,) joints and other sensors, or None if no measurement arrived.
             setpoint: (n,) joint setpoints during the step.
             dt_s: Time since the previous step.
+            battery_v: Reported battery voltage, or None; scales unmeasured wheel speeds.
         """
-        spin = self._spin.advance(setpoint[self._wheels], dt_s)
+        self._update_supply(battery_v, dt_s)
+        spin = self._supply.share * self._spin.advance(setpoint[self._wheels], dt_s)
         if measured is not None and all(map(math.isfinite, measured[self._needed].tolist())):
             if dt_s > OUTAGE_S and math.isfinite(self.measured_s):
                 self._coast(now_s - _LAST_STEP_S, dt_s - _LAST_STEP_S)
@@ -127,6 +174,19 @@ class StateEstimator:
         if self._fused is not None:
             self._fuse(self._fused, now_s - self._delay_s)
         self._consistency.advance(joints, dt_s, modelled=modelled)
+
+    def _update_supply(self, battery_v: float | None, dt_s: float) -> None:
+        """Use a reported voltage; if the wheels are at rest, with its smaller uncertainty.
+
+        The common error of wheels that turn already is partly learned and integrated, so its size
+        does not change.
+        """
+        was_known = self._supply.is_known
+        self._supply.advance(battery_v, dt_s)
+        turning = bool(self._spin.spin_rad_per_s.any())
+        if self._supply.is_known and not was_known and not turning:
+            for odometry in filter(None, (self._wheel_odom, self._aux_odom)):
+                odometry.set_common_speed_share(self._supply.sigma)
 
     def _fuse(self, fused: FusedEstimate, at_s: float) -> None:
         """Fuse the sensor readings, and learn biases from the gyro."""
@@ -163,7 +223,11 @@ class StateEstimator:
         """
         at_speed = np.maximum(AT_SPEED * np.abs(at_rest), AT_REST_RAD_PER_S)
         tolerance = np.where(self.is_angle, NEUTRAL_RAD, at_speed)
-        near = np.abs(self.joints - at_rest) <= tolerance
+        # The voltage of the supply changes the speed of a wheel at its setpoint.
+        joints = self.joints.copy()
+        if not len(np.intersect1d(self._needed, self._wheels)):
+            joints[self._wheels] /= self._supply.share
+        near = np.abs(joints - at_rest) <= tolerance
         return bool(near[self._angles].all()), bool(near[self._wheels].all())
 
     def spin_after(self, speeds: Array, dt_s: float) -> float:
@@ -184,6 +248,11 @@ class StateEstimator:
         if self._delay_s == 0.0 or not estimate.end_twist.any():
             return estimate.pose
         return self.kinematics.integrate(estimate.pose, estimate.end_twist, self._delay_s)
+
+    @property
+    def unfused_pose(self) -> Any:
+        """Pose of dead reckoning alone, without poses of a pose sensor; in `odom`."""
+        return self._now(self._dead_reckoning)
 
     @property
     def mean_twist(self) -> Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import ctypes
 import sys
 import threading
 from collections.abc import Callable, Coroutine, Sequence
@@ -25,26 +24,6 @@ from tsd_twin.dashboard.scene.robot_filter import robot_filters
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
 from tsd_twin.dashboard.update_loop import UpdateLoop
-
-_M_MMAP_THRESHOLD = -3
-"""From glibc's `malloc.h`."""
-_MMAP_THRESHOLD_BYTES = 65536
-
-
-def tune_malloc() -> bool:
-    """Let glibc give blocks of 64 KiB and more back to the system as soon as they are freed.
-
-    Each page that opens makes the dashboard take and free many of them. glibc raises its own bound
-    between heap and maps, up to 32 MiB, to the size of whatever is freed; blocks below it then come
-    from heaps of many threads, in the holes between what stays, and a day of visits leaves a
-    fragmented heap that is never returned. A bound that is set is not raised.
-
-    Returns:
-        Whether the C library took it; one that is not glibc needs none of this.
-    """
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
-    return mallopt is not None and mallopt(_M_MMAP_THRESHOLD, _MMAP_THRESHOLD_BYTES) == 1
-
 
 TITLE = "tsd-twin"
 _STOP_POLL_S = 0.2
@@ -119,6 +98,7 @@ async def run(
             partial(loop.call_soon_threadsafe, sessions.on_status),
             partial(loop.call_soon_threadsafe, sessions.on_event),
             is_watched=lambda: sessions.any_open or bool(server.get_clients()),
+            is_shown=sessions.is_shown,
         )
         server.on_client_connect(on_client)
         await gateway.start(host, port, viewport_port)

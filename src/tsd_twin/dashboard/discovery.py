@@ -18,11 +18,10 @@ from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.dashboard.sessions.telemetry import RobotTelemetry
 from tsd_twin.errors import BusError, TwinError
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.services import decode_json
-from tsd_twin.messages.topics import Service
+from tsd_twin.messages.topics import Sample, Service
 
 _LOG = logging.getLogger(__name__)
 
@@ -34,7 +33,7 @@ _QUERY_TIMEOUT_S = 5.0
 """A question that has had no end for so long is asked again."""
 
 TakeReply = Callable[[bytes | None], None]
-"""Takes the answer of a robot, None when there is none."""
+"""Takes the answer of a robot, or None after a timeout."""
 
 
 @dataclass(slots=True)

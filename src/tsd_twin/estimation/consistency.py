@@ -22,6 +22,8 @@ from tsd_twin.robots import JointCompliance, JointErrors
 FALSE_ALARM = 1e-4
 """False-alarm probability per test of a healthy robot."""
 _REMAINDER_TAIL = 0.01
+_LEAD = 4.0
+"""Lead of the suspect over the others, in units of the statistic: a likelihood ratio of 7."""
 _DIFF_STEP = 1e-5
 """Finite-difference step: radians, or a fraction of the speed."""
 _MIN_SIGMA = 1e-5
@@ -77,28 +79,28 @@ class ParityTest:
         """Return the test statistic (...) for residuals (..., m)."""
         return np.square(residual @ self.whiten.T).sum(axis=-1)
 
-    def single_fault(self, residual: Array, by_slip: Array | None = None) -> tuple[Array, Any]:
-        """Return the joint that explains most of residuals (..., m), and whether it explains all.
+    def single_faults(self, residual: Array, by_slip: Array | None = None) -> tuple[Array, Any]:
+        """Return how much each joint explains of residuals (..., m), and whether one explains all.
 
-        It explains all if the remainder is below the 99th percentile of the noise. `by_slip` (n, m)
-        is the joint deflection per unit of residual, for compliant joints. Explanations that
-        include deflection of the other joints are used only if no single joint suffices.
+        The first array (..., n) is in units of the statistic. One explains all if the remainder is
+        below the 99th percentile of the noise. `by_slip` (n, m) is the joint deflection per unit of
+        residual, for compliant joints. Explanations that include deflection of the other joints are
+        used only if no single joint suffices.
         """
         white = residual @ self.whiten.T
         squared = np.square(white).sum(axis=-1)
         most = chi_square_bound(len(self.whiten) - 1, _REMAINDER_TAIL)
         # Unit vectors in parity space, one per faulty joint; zero if the fault is not observable.
-        explained = np.square(white @ _unit_lines(self.slopes @ self.whiten.T).T)
-        joint: Array = explained.argmax(axis=-1)
+        explained: Array = np.square(white @ _unit_lines(self.slopes @ self.whiten.T).T)
         enough: Any = squared - explained.max(axis=-1) <= most
         if by_slip is not None:
             each = [
                 _unit_lines(slopes @ self.whiten.T) for slopes in self._compliant_slopes(by_slip)
             ]
-            explained = np.maximum.reduce([np.square(white @ lines.T) for lines in each])
-            joint = np.where(enough, joint, explained.argmax(axis=-1))
-            enough = enough | (squared - explained.max(axis=-1) <= most)
-        return joint, enough
+            yielding = np.maximum.reduce([np.square(white @ lines.T) for lines in each])
+            explained = np.where(enough[..., None], explained, yielding)
+            enough = squared - explained.max(axis=-1) <= most
+        return explained, enough
 
     def _compliant_slopes(self, by_slip: Array) -> list[Array]:
         """Return `slopes` including joint deflection, for each of `_COMPLIANCE_FACTORS`.
@@ -172,7 +174,11 @@ class ConsistencyResult:
     shares: Array
     """(k,): fraction of the squared residual that each actuator alone explains, 0 to 1."""
     suspect: int | None
-    """Index of the suspected actuator if the residual exceeds the threshold."""
+    """Index of the suspected actuator if the residual exceeds the threshold.
+
+    None if several explain it equally well: with four wheels there is one residual, which any of
+    them explains.
+    """
 
 
 _EDGE_SHARE = math.sqrt(3.0 / chi_square_bound(3, FALSE_ALARM))
@@ -200,8 +206,9 @@ class ConsistencyMonitor:
     a common factor that is unknown between 0 and 1.
 
     The suspect is the actuator of the joint that alone explains the whole residual, if any;
-    otherwise the actuator whose removal leaves the others most consistent. The second rule alone is
-    ambiguous: either of two modules may explain an error in the distance between them.
+    otherwise the actuator whose removal leaves the others most consistent. There is none if two
+    explain it equally well: either of two modules may explain an error in the distance between
+    them.
     """
 
     def __init__(
@@ -274,12 +281,20 @@ class ConsistencyMonitor:
         level = float(test.statistic(residual)) / test.threshold
         shares = self._kinematics.fault_contribution(residual) / squared
         shares = np.minimum(np.maximum(shares, 0.0), 1.0)
-        suspect = None
-        if level > 1.0:
-            joint, enough = test.single_fault(residual, self._by_slip(joints))
-            # Round, so that ties resolve to the first actuator.
-            suspect = self._owners[int(joint)] if enough else int(shares.round(9).argmax())
+        suspect = self._suspect(test, residual, joints, shares) if level > 1.0 else None
         return ConsistencyResult(math.sqrt(squared / len(residual)), level, shares, suspect)
+
+    def _suspect(
+        self, test: ParityTest, residual: Array, joints: Array, shares: Array
+    ) -> int | None:
+        """Return the actuator that explains `residual` best, or None if another does as well."""
+        explained, enough = test.single_faults(residual, self._by_slip(joints))
+        by_actuator = shares * test.statistic(residual)
+        if enough:
+            by_actuator = np.zeros(len(shares))
+            np.maximum.at(by_actuator, self._owners, explained)
+        *_, second, best = np.sort(by_actuator)
+        return int(by_actuator.argmax()) if best - second > _LEAD else None
 
     def _test_at(self, joints: Array) -> ParityTest:
         key = joints.tobytes() + self._maxima.tobytes()

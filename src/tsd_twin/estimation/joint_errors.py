@@ -201,6 +201,7 @@ class JointBiases:
         scales = noise.speed_scale_sigma * np.eye(joints)[~is_angle]
         scales = np.vstack([scales, noise.common_spin_share * ~is_angle])
         self._speed_scales = scales[scales.any(axis=1)]
+        self._has_common = noise.common_spin_share > 0.0
         self._is_speed = ~is_angle
         self._layout = getattr(kinematics, "contact_layout", None)
         self._built: Array = np.zeros(0)
@@ -215,6 +216,11 @@ class JointBiases:
             self.floor = RollerCreep(np.array(noise.creep_lag_s))
         elif noise.floor.slip_lag_s > 0.0:
             self.floor = FloorEffects(~is_angle, noise.floor)
+
+    def set_common_speed_share(self, share: float) -> None:
+        """Set the standard deviation of the common error of all wheel speeds, if there is one."""
+        if self._has_common:
+            self._speed_scales[-1] = share * self._is_speed
 
     @property
     def count(self) -> int:

@@ -188,6 +188,12 @@ class GyroOdometry(PlanarOdometry):
         change = np.outer(twist, twist) - np.outer(stale, stale)
         return self._wheels.covariance + share * share * change
 
+    def set_common_speed_share(self, share: float) -> None:
+        """Set the standard deviation of the common error of all wheel speeds, before they turn."""
+        super().set_common_speed_share(share)
+        if self._common_share > 0.0:
+            self._common_share = share
+
     def _mean_rate(self, sensors: Array, dt_s: float) -> float:
         """Return the mean turn rate of the step, or NaN without a reading at its end."""
         now = float(sensors[0]) if len(sensors) else math.nan

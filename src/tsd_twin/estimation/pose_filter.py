@@ -350,7 +350,7 @@ def _transposed(matrices: Array) -> Array:
 
 
 class _TwistRecord(NamedTuple):
-    """State of dead reckoning at the end of a step."""
+    """State of the odometry at the end of a step."""
 
     end_s: float
     reckoned: Array

@@ -1,4 +1,4 @@
-"""Pose uncertainty of dead reckoning: accumulated biases and white noise.
+"""Pose uncertainty of odometry: accumulated biases and white noise.
 
 `joint_errors.py` gives the errors of joints and floor, `wheel_odometry.py` turns them into the
 twist errors integrated here. Also computes confidence regions of the pose. Derived in

@@ -49,7 +49,7 @@ class _Entry(NamedTuple):
 class SensorCorrection:
     """Sensors of a robot that correct its pose, and the biases that they add to an estimate.
 
-    Their biases are appended to the `own` biases of the dead reckoning.
+    Their biases are appended to the `own` biases of the odometry.
     """
 
     def __init__(

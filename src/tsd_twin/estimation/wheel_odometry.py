@@ -127,6 +127,10 @@ class WheelOdometry(Generic[PoseT]):
         self.uncertainty: PoseUncertainty[PoseT, Any] = _UNCERTAINTY[pose_type](count)
         """Uncertainty of the pose."""
 
+    def set_common_speed_share(self, share: float) -> None:
+        """Set the standard deviation of the common error of all wheel speeds, before they turn."""
+        self._joint_biases.set_common_speed_share(share)
+
     @property
     def pose_covariance(self) -> Array:
         """(3, 3): covariance of the pose, in exponential coordinates about the axes of `odom`."""

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tsd_twin.hardware.board_faults import BoardFaults
+from tsd_twin.hardware.board_faults import BoardFaults, past_trips
 from tsd_twin.hardware.board_geometry import compiled_geometry, geometry_fault
 from tsd_twin.hardware.cables import BoardCables
 from tsd_twin.hardware.controller_board import (
@@ -35,6 +35,8 @@ from tsd_twin.hardware.dynamixel.control_table import (
     ReceiverKind,
     Setup,
     Telemetry,
+    TripHistory,
+    Wheels,
 )
 from tsd_twin.hardware.dynamixel.packets import StatusPacket
 from tsd_twin.hardware.joints import (
@@ -47,13 +49,10 @@ from tsd_twin.hardware.joints import (
     padded,
     padded_ids,
 )
-from tsd_twin.hardware.serial_transport import (
-    SILENT_S,
-    DeviceThread,
-    LinkHealth,
-    SerialTransport,
-    chip_warning,
-)
+from tsd_twin.hardware.link_health import SILENT_S, LinkHealth
+from tsd_twin.hardware.serial_ports import chip_warning
+from tsd_twin.hardware.serial_transport import DeviceThread, SerialTransport
+from tsd_twin.hardware.wheel_sensors import WheelSensors
 from tsd_twin.lie import Array
 from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.sentences import sentence
@@ -75,6 +74,7 @@ class BoardTelemetry:
     """Latest telemetry of the board and its time of receipt."""
 
     telemetry: Telemetry
+    wheels: Wheels
     received_s: float
     lost: Reason | None
     """Reason why the board is disarmed although it should be armed, or None."""
@@ -92,6 +92,7 @@ class ControllerBoard:
         joints: JointConverter,
         calibration: ServoCalibration,
         battery: Battery,
+        sensors: WheelSensors,
         *,
         geometry: Geometry | None = None,
         servos: bool = True,
@@ -100,7 +101,7 @@ class ControllerBoard:
         """`geometry`: what the firmware must be built for, or None if no radio control can drive;
         `servos`: whether the board drives the servos too, or only the speed controllers.
         """
-        self._battery = battery
+        self._battery, self._sensors = battery, sensors
         self.cables = BoardCables(joints, joints.servos if servos else 0)
         self.battery_warning = ""
         """Warning while the battery is low, or ""."""
@@ -112,6 +113,10 @@ class ControllerBoard:
         """Wiring faults detected so far, by a short name; replaced as a whole."""
         self.firmware = ""
         """Version and build of the firmware."""
+        self.history = TripHistory()
+        """Last trips; replaced as a whole."""
+        self._trips = 0
+        """Count of trips when they were read."""
         self.other_robot: Reason | None = None
         """Reason not to arm: the firmware is built for another robot."""
         self._geometry = geometry
@@ -141,6 +146,8 @@ class ControllerBoard:
             pulse_high=_half_us(calibration.speed_controllers.high_us),
             throttle_limit=padded(joints.throttle_limit, ESCS, ZERO_THROTTLE),
             throttle_rise=joints.throttle_rise,
+            wheel_sensor=sensors.kind,
+            wheel_pulses=sensors.pulses,
         )
         self.receiver_expected = calibration.receiver is not None
 
@@ -156,10 +163,11 @@ class ControllerBoard:
         if self._geometry is not None:
             built_for = read_block(transport, Geometry)
             self.other_robot = geometry_fault(built_for, self._geometry)
+        self.history, self._trips = read_block(transport, TripHistory), telemetry.trips
         self._find_wiring_faults(telemetry, opened=self.report is None)
         self._warn("usb chip", chip_warning(transport.name, self.baud))
         self._was_connected = True
-        self.report = BoardTelemetry(telemetry, time.monotonic(), self._switch.lost)
+        self.report = BoardTelemetry(telemetry, Wheels(), time.monotonic(), self._switch.lost)
 
     def cycle(self, transport: SerialTransport) -> bool:
         """Write the command and read telemetry in one exchange; return whether it succeeded.
@@ -172,11 +180,11 @@ class ControllerBoard:
         began_s = time.monotonic()
         before, broken = self.report, transport.broken
         command = self._board_command(self.command, began_s)
-        request = write_request(command) + read_request(Telemetry)
+        request = write_request(command) + self._sensors.request
         answers = transport.request(request, 2, RESPONSE_TIMEOUT_S)
         now_s = time.monotonic()
-        telemetry, corrupt = _telemetry(answers), transport.broken > broken
-        if telemetry is None or telemetry.beat != command.heartbeat:
+        seen, corrupt = self._parsed(answers), transport.broken > broken
+        if seen is None or seen[0].beat != command.heartbeat:
             self.health.add_timeout()
             self._add_cycle(corrupt, now_s)
             # Drain late responses, or all later ones would be late too.
@@ -184,6 +192,7 @@ class ControllerBoard:
                 transport.drain(SETTLE_S)
             return False
         self.health.add_round_trip(now_s - began_s)
+        telemetry, wheels = seen
         if before is not None and _restarted(before.telemetry, telemetry):
             reason = restart_reason(telemetry.reset_cause)
             _LOG.warning("%s", sentence(reason))
@@ -197,7 +206,9 @@ class ControllerBoard:
             self.cables.add(before.telemetry, telemetry, now_s)
         self._find_wiring_faults(telemetry, opened=False)
         self._watch_battery(telemetry.battery_mv / 1000.0)
-        self.report = BoardTelemetry(telemetry, now_s, self._switch.lost)
+        self.report = BoardTelemetry(telemetry, wheels, now_s, self._switch.lost)
+        if telemetry.trips != self._trips:
+            self._read_history(transport, telemetry.trips)
         return True
 
     def disconnected(self) -> None:
@@ -211,6 +222,20 @@ class ControllerBoard:
         for _ in range(_LEAVING):
             if transport.request(write_request(REST_COMMAND), 1, RESPONSE_TIMEOUT_S):
                 return
+
+    def _read_history(self, transport: SerialTransport, trips: int) -> None:
+        """Read the last trips in one exchange; without an answer, the next cycle tries again."""
+        answers = transport.request(read_request(TripHistory), 1, RESPONSE_TIMEOUT_S)
+        if [len(answer.data) for answer in answers] == [TripHistory.LAYOUT.size]:
+            self.history, self._trips = TripHistory.unpack(answers[0].data), trips
+        else:
+            transport.drain(SETTLE_S)
+
+    def _parsed(self, answers: list[StatusPacket]) -> tuple[Telemetry, Wheels] | None:
+        """Return the measurements if the responses are from one write and one read."""
+        if [bool(answer.data) for answer in answers] != [False, True]:
+            return None
+        return self._sensors.parse(answers[1].data)
 
     def _find_wiring_faults(self, telemetry: Telemetry, *, opened: bool) -> None:
         found = wiring_faults(telemetry, opened=opened, returned=self._was_connected)
@@ -253,13 +278,6 @@ class ControllerBoard:
 
 def _half_us(pulses_us: Sequence[float]) -> tuple[int, ...]:
     return tuple(round(2.0 * pulse_us) for pulse_us in pulses_us)
-
-
-def _telemetry(answers: list[StatusPacket]) -> Telemetry | None:
-    """Return the telemetry if the responses are from one write and one read."""
-    if [len(answer.data) for answer in answers] != [0, Telemetry.LAYOUT.size]:
-        return None
-    return Telemetry.unpack(answers[1].data)
 
 
 def _restarted(before: Telemetry, after: Telemetry) -> bool:
@@ -310,11 +328,15 @@ class ArduinoMegaIO:
         self._joints = JointConverter(robot, throttle)
         calibration = calibration or ServoCalibration()
         calibration.check_joints(self._joints.names)
+        self._sensors = WheelSensors(robot, self._joints.wheels)
+        # The board also contains the curves of the motors.
+        compared = servos or robot.wheel_sensor is not None
         self._board = ControllerBoard(
             self._joints,
             calibration,
             robot.battery,
-            geometry=compiled_geometry(robot) if servos else None,
+            self._sensors,
+            geometry=compiled_geometry(robot) if compared else None,
             servos=servos,
             baud=baud,
         )
@@ -336,7 +358,14 @@ class ArduinoMegaIO:
         if report is None or report.received_s <= self._read_s:
             return None
         self._read_s = report.received_s
-        return self._joints.measured(report.telemetry.position, report.telemetry.servo_alive)
+        board = report.telemetry
+        speeds = self._sensors.speeds(report.wheels)
+        return self._joints.measured(board.position, board.servo_alive, speeds)
+
+    def speeds(self, now_s: float) -> Array | None:
+        """Return the wheel speeds (k,), rad/s, NaN where unmeasured; None without telemetry."""
+        report = self._recent(now_s)
+        return None if report is None else self._sensors.speeds(report.wheels)
 
     def write(self, setpoint: Array, now_s: float) -> None:
         """Pass the latest setpoint (n,) to the I/O thread.
@@ -357,7 +386,8 @@ class ArduinoMegaIO:
         fault = self._board.health.connection_fault(report and report.received_s, now_s)
         if fault is not None or report is None:
             return fault
-        return self._board.other_robot or self._faults.fault(report.telemetry, report.lost)
+        lost = report.lost and (self._sensors.stuck(report.telemetry, report.wheels) or report.lost)
+        return self._board.other_robot or self._faults.fault(report.telemetry, lost)
 
     def battery_v(self, now_s: float) -> float | None:
         """Return the latest battery voltage, or None if unknown."""
@@ -377,10 +407,11 @@ class ArduinoMegaIO:
         status: dict[str, Any] = {"kind": "mega", "connected": report is not None}
         if report is not None:
             status |= self._status(report.telemetry) | {"firmware": board.firmware}
+            status |= self._sensors.status(report.wheels)
             told = [board.battery_warning] if board.battery_warning else []
             if any(report.telemetry.rc) and not board.receiver_expected:
                 told.append(_UNEXPECTED_RECEIVER)
-            told += board.cables.monitor.sentences()
+            told += board.cables.monitor.sentences() + self._sensors.warnings(report.wheels)
             status["warnings"] = [*told, *board.wiring_faults.values()]
             status["age_ms"] = round(1000.0 * (time.monotonic() - report.received_s), 1)
         return status | {"link": board.health.status()}
@@ -397,6 +428,7 @@ class ArduinoMegaIO:
         status: dict[str, Any] = {
             "board": MODES.get(board.mode, board.mode),
             "last_trip": self._faults.last_trip(board),
+            "past_trips": past_trips(self._board.history, board.nonce[0]),
             "battery_v": round(board.battery_mv / 1000.0, 2),
             "drive_v": round(board.drive_mv / 1000.0, 2),
             "supply_v": round(board.supply_mv / 1000.0, 2),

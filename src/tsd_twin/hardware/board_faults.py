@@ -10,6 +10,7 @@ from tsd_twin.hardware.dynamixel.control_table import (
     Refusal,
     Telemetry,
     Trip,
+    TripHistory,
 )
 from tsd_twin.hardware.dynamixel.servo_models import wrong_setting
 from tsd_twin.hardware.joints import JointConverter, hot_servos
@@ -83,8 +84,7 @@ class BoardFaults:
         """Return the reason of the last trip, with the affected servos."""
         if not board.trip:
             return "none"
-        word = trip_word(board.trip)
-        text = WORDS[Type.TRIP].get(word, word)
+        text = _trip_text(board.trip)
         stuck = _stuck(board)
         if not stuck:
             return text
@@ -96,6 +96,29 @@ class BoardFaults:
         servo = board.wrong_servo - 1
         named, model = self._joints.named(1 << servo), board.servo_model[servo]
         return wrong_setting(named, model, board.wrong_register, board.wrong_value)
+
+
+def past_trips(history: TripHistory, start: int) -> dict[str, str]:
+    """Return the last trips as texts by number; 1 is the latest.
+
+    `start` is the count of power-ups of the board.
+    """
+    columns = (history.past_trip, history.past_start, history.past_uptime_s, history.past_lowest)
+    found: dict[str, str] = {}
+    for number, (trip, at, uptime_s, lowest) in enumerate(zip(*columns, strict=True), 1):
+        if trip:
+            ago = (start - at) % 256
+            found[str(number)] = (
+                f"{_trip_text(trip)}; {uptime_s} s after a start, "
+                f"{f'power-up {ago} before this one' if ago else 'in this power-up'}"
+                + (f"; battery down to {lowest / 10.0:.1f} V" if lowest else "")
+            )
+    return found
+
+
+def _trip_text(trip: int) -> str:
+    word = trip_word(trip)
+    return WORDS[Type.TRIP].get(word, word)
 
 
 def _stuck(board: Telemetry) -> int:

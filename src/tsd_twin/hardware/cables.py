@@ -21,9 +21,9 @@ from tsd_twin.messages.sentences import sentence
 LEAST = 5
 """Fewest events that are a pattern: fewer may be a held-up program."""
 _TOGETHER_S = 0.3
-"""The board looks at the torque of one servo after another."""
+"""The board checks the torque of a single servo per cycle."""
 _SHARE = 0.5
-"""Share of the missed cycles of a servo that a pattern must explain."""
+"""Fraction of a servo's missed cycles that a pattern must explain."""
 DIP_SHARE = 0.8
 """Voltage relative to the usual one below which a supply has failed for a moment."""
 
@@ -103,7 +103,7 @@ class CableMonitor:
             )
 
     def add_restarts(self, mask: int, now_s: float) -> None:
-        """Record servos that have lost their memory; what is seen within a moment is one event."""
+        """Record servos that have restarted; restarts within a short time are one event."""
         if not mask:
             return
         if now_s - self._restarted_s < _TOGETHER_S:

@@ -18,10 +18,11 @@ import numpy as np
 
 from tsd_twin.hardware.drive_latch import BatteryWatch, DriveLatch, WheelFollowing
 from tsd_twin.hardware.joints import JointCommand, MotorControllers
+from tsd_twin.hardware.link_health import SILENT_S
 from tsd_twin.hardware.motors.base import Frame, Motors, MotorState
 from tsd_twin.hardware.motors.moteus import MoteusMotors
 from tsd_twin.hardware.motors.vesc import LEAST_ERPM, VescMotors
-from tsd_twin.hardware.serial_transport import SILENT_S, HardwareError
+from tsd_twin.hardware.serial_transport import HardwareError
 from tsd_twin.hardware.wheel_bus import HOT_MARGIN_C
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import Array
@@ -43,7 +44,7 @@ _COLLECT_S = 0.004
 _CONNECT_S = 2.0
 _LEAVE_S = 2.0
 _PAUSE_S = 0.1
-"""Pause of this program after which controllers may have stopped by themselves."""
+"""Pause of this program after which the controllers' watchdogs may have expired."""
 
 
 def motors_of(controllers: MotorControllers) -> Motors:
@@ -133,7 +134,7 @@ class CanWheels:
         self._requested.set()
 
     def speeds(self, now_s: float) -> Array:
-        """Return the wheel speeds, rad/s; NaN if not measured lately."""
+        """Return the wheel speeds, rad/s; NaN where there is no recent measurement."""
         fresh = [
             it.speed_rad_per_s if now_s - it.heard_s <= SILENT_S else math.nan for it in self.states
         ]
@@ -365,6 +366,10 @@ class CanWheelsIO:
     def fault(self, now_s: float) -> Reason | None:
         """Return the fault of the bus or a controller, or None."""
         return self._wheels.fault(now_s)
+
+    def speeds(self, now_s: float) -> Array:
+        """Return the wheel speeds (k,), rad/s, NaN where unmeasured."""
+        return self._wheels.speeds(now_s)
 
     def battery_v(self, now_s: float) -> float | None:  # noqa: ARG002  Part of the interface.
         """Return the highest voltage that a controller measures, or None if unknown."""

@@ -19,8 +19,15 @@ from tsd_twin.hardware.dynamixel.control_table import (
     Setup,
     Telemetry,
     Trip,
+    WheelSensor,
 )
-from tsd_twin.hardware.dynamixel.packets import ACCESS_ERROR, ALERT, StatusPacket, protocol2
+from tsd_twin.hardware.dynamixel.packets import (
+    ACCESS_ERROR,
+    ALERT,
+    RANGE_ERROR,
+    StatusPacket,
+    protocol2,
+)
 from tsd_twin.hardware.dynamixel.servo_models import MODELS
 from tsd_twin.hardware.serial_transport import HardwareError, SerialTransport
 from tsd_twin.messages.codes import Code, Reason, because
@@ -36,6 +43,10 @@ _RUN_DOWN_S = 3.0
 """Timeout for the setup, which the board refuses for 2 s after the last throttle."""
 _AGAIN_S = 0.1
 _ZERO_MOVES = "it takes another zero throttle only while the speed controllers have no power"
+_NO_TELEMETRY = (
+    "the controller board at {} refuses telemetry of the speed controllers: a Mega has one free "
+    "serial input for three wires; use a board with an RP2040, or wheel_sensor.kind = 'hall'"
+)
 _TRY_S = 0.3
 _TRIES = 3
 
@@ -93,6 +104,8 @@ def _write_setup(transport: SerialTransport, setup: Setup) -> None:
         error = _request(transport, write_request(setup)).error & ~ALERT
         if not error:
             return
+        if error == RANGE_ERROR and setup.wheel_sensor == WheelSensor.TELEMETRY:
+            raise HardwareError(_NO_TELEMETRY.format(transport.name))
         if error != ACCESS_ERROR or time.monotonic() > end_s:
             raise HardwareError(
                 f"the controller board at {transport.name} refuses its set-up: error {error}"

@@ -78,7 +78,7 @@ FOLLOWING_SHARE, FOLLOWING_LEAST = 0.25, 0.1
 speed for small setpoints."""
 FOLLOWING_S = 0.3
 """Time that a larger deviation must last."""
-_LAG_S = 0.3
+LAG_S = 0.3
 """Setpoints of this time count, because a wheel follows them later."""
 
 
@@ -99,7 +99,7 @@ class WheelFollowing:
     def step(self, wanted: Array, measured: Array, now_s: float) -> Reason | None:
         """Return the reason for a stuck wheel, or None; speeds (n,) in rad/s, NaN if unmeasured."""
         self._recent.append((now_s, wanted.copy()))
-        while now_s - self._recent[0][0] > _LAG_S:
+        while now_s - self._recent[0][0] > LAG_S:
             self._recent.popleft()
         lately = np.array([speeds for _, speeds in self._recent])
         nearest = np.clip(measured, lately.min(axis=0), lately.max(axis=0))

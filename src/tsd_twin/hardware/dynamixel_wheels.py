@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from tsd_twin.hardware.joints import JointCommand, ServoCalibration
-from tsd_twin.hardware.serial_transport import SILENT_S, DeviceThread, HardwareError
+from tsd_twin.hardware.link_health import SILENT_S
+from tsd_twin.hardware.serial_transport import DeviceThread, HardwareError
 from tsd_twin.hardware.wheel_bus import WheelBus, WheelReport
 from tsd_twin.lie import Array
 from tsd_twin.messages.codes import Code, Reason, because

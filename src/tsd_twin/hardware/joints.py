@@ -280,6 +280,8 @@ class JointConverter(ServoNames):
         self._step_rad = 2.0 * math.pi / robot.servo.steps_per_turn
         self.count = len(drive.joints)
         super().__init__([drive.joints[i].name for i in self._angles])
+        self.wheels = [drive.joints[i].name for i in self._wheels]
+        """Names of the wheels."""
         most_rad, zero_rad = (
             math.radians(robot.drive.max_tilt_deg),
             self._offsets.offset[self._angles],
@@ -318,11 +320,16 @@ class JointConverter(ServoNames):
         pulses = self._throttle.pulse_us(self._throttle.signal(actuators))
         return _ints(np.clip(np.rint(_PULSES_PER_US * pulses), ZERO_THROTTLE, FULL_THROTTLE))
 
-    def measured(self, steps: Sequence[int], alive: int) -> Array:
-        """Convert steps from neutral to joints (n,); NaN for wheels and servos not in the mask
-        `alive`.
+    def measured(
+        self, steps: Sequence[int], alive: int, wheels_rad_per_s: Array | None = None
+    ) -> Array:
+        """Convert steps from neutral and wheel speeds to joints (n,).
+
+        NaN for servos not in the mask `alive`, and for wheels without a measured speed (k,).
         """
         joints = np.full(self.count, np.nan)
+        if wheels_rad_per_s is not None:
+            joints[self._wheels] = wheels_rad_per_s
         for servo, joint in enumerate(self._angles):
             if alive >> servo & 1:
                 joints[joint] = steps[servo] * self._step_rad

@@ -112,7 +112,7 @@ class ServoLine:
         span: tuple[int, int],
         add: Callable[[Sequence[StatusPacket]], None],
     ) -> tuple[list[int], bool]:
-        """Send a request and read `span`, address and size, of all servos; pass answers to `add`.
+        """Read `span` (address, size) from all servos and pass the answers to `add`.
 
         A servo may wait for the answer of the one before it in the request. Those behind the first
         that is missing are asked again, and it is last in the next request, where no other waits

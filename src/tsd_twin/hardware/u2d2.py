@@ -26,12 +26,8 @@ from tsd_twin.hardware.joints import (
     ThrottleLaw,
     hot_servos,
 )
-from tsd_twin.hardware.serial_transport import (
-    SILENT_S,
-    DeviceThread,
-    LinkHealth,
-    SerialTransport,
-)
+from tsd_twin.hardware.link_health import SILENT_S, LinkHealth
+from tsd_twin.hardware.serial_transport import DeviceThread, SerialTransport
 from tsd_twin.hardware.servo_line import (
     ALIVE_S,
     ANSWER_S,
@@ -103,6 +99,8 @@ class ServoBus:
         """Servo models by index."""
         self._approach = Approach(len(joints.names))
         self.cables = CableMonitor(joints, branches_of(joints))
+        self.cycled_s = 0.0
+        """End of the latest exchange: a servo is silent only while it is asked."""
         self._fed_s = 0.0
         self._cycles = 0
 
@@ -142,6 +140,7 @@ class ServoBus:
         request += self._goals(setpoint, began_s, armed=command.heartbeat.armed)
         answered, late = self._line.read_all(transport, request, MEASURED, self._add_responses)
         now_s, is_broken = time.monotonic(), transport.broken > broken
+        self.cycled_s = now_s
         missing = missing_mask(self._line.ids, answered)
         self.cables.add_cycle(missing, now_s, broken=is_broken, late=late)
         self._cycles += 1
@@ -270,6 +269,10 @@ class WheelsIO(Protocol):
         """Return the fault of the wheels, or None."""
         ...
 
+    def speeds(self, now_s: float) -> Array | None:
+        """Return the measured wheel speeds (k,), rad/s, NaN where unmeasured; None without any."""
+        ...
+
     def battery_v(self, now_s: float) -> float | None:
         """Return the latest battery voltage, or None if unknown."""
         ...
@@ -317,7 +320,8 @@ class U2D2IO:
         if report is None or report.newest_s <= self._read_s or now_s - report.newest_s > SILENT_S:
             return None
         self._read_s = report.newest_s
-        return self._joints.measured(self._bus.measured(report), report.alive(now_s))
+        speeds = self._wheels.speeds(now_s)
+        return self._joints.measured(self._bus.measured(report), report.alive(now_s), speeds)
 
     def write(self, setpoint: Array, now_s: float) -> None:
         """Pass the latest setpoint (n,) to both I/O threads.
@@ -369,7 +373,7 @@ class U2D2IO:
         fault = self._bus.health.connection_fault(report and report.newest_s, now_s)
         if fault is not None or report is None:
             return fault
-        if dead := self._joints.servos & ~report.alive(now_s):
+        if dead := self._joints.servos & ~report.alive(self._bus.cycled_s):
             return self._joints.silent(dead)
         if report.faults:
             return self._joints.about(report.faults, Code.SERVO_ERROR)

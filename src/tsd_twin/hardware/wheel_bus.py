@@ -29,12 +29,8 @@ from tsd_twin.hardware.dynamixel.wheel_models import (
     WheelModel,
 )
 from tsd_twin.hardware.joints import JointCommand, ServoCalibration, ServoNames
-from tsd_twin.hardware.serial_transport import (
-    SILENT_S,
-    HardwareError,
-    LinkHealth,
-    SerialTransport,
-)
+from tsd_twin.hardware.link_health import SILENT_S, LinkHealth
+from tsd_twin.hardware.serial_transport import HardwareError, SerialTransport
 from tsd_twin.hardware.servo_line import (
     ALIVE_S,
     ANSWER_S,
@@ -91,7 +87,7 @@ class WheelReport:
 
     @property
     def supply_v(self) -> float:
-        """Voltage nearest to that of the battery: the highest of all servos."""
+        """Estimated battery voltage: the highest voltage of all servos."""
         return max(servo.voltage_v for servo in self.present.values())
 
 
@@ -133,6 +129,8 @@ class WheelBus:
         self._battery = BatteryWatch(robot.battery.arm_v, robot.battery.stop_v)
         self.cables = CableMonitor(self.names)
         self._was_connected = False
+        self.cycled_s = 0.0
+        """End of the latest exchange: a servo is silent only while it is asked."""
         self._cycles = 0
         self._clock = clock
 
@@ -172,6 +170,7 @@ class WheelBus:
         request = self._line.to_all(GOAL_VELOCITY, self._goals(command.setpoint, drives=drives))
         answered, late = self._line.read_all(transport, request, MEASURED, self._add_responses)
         now_s, is_broken = self._clock(), transport.broken > broken
+        self.cycled_s = now_s
         missing = missing_mask(self._line.ids, answered)
         self.cables.add_cycle(missing, now_s, broken=is_broken, late=late)
         self._read_state(transport, answered)
@@ -199,7 +198,7 @@ class WheelBus:
             )
 
     def speeds(self, report: WheelReport, now_s: float) -> Array:
-        """Return the wheel speeds (n,), rad/s; NaN if not measured lately."""
+        """Return the wheel speeds (n,), rad/s; NaN where there is no recent measurement."""
         alive = report.alive(now_s)
         units = [
             float(report.present[i].velocity_units) if alive >> i & 1 else math.nan
@@ -231,7 +230,7 @@ class WheelBus:
         silent = self.health.connection_fault(report and report.newest_s, now_s)
         if silent is not None or report is None:
             return silent
-        if trouble := self._servo_trouble(report, now_s):
+        if trouble := self._servo_trouble(report):
             return trouble
         if trouble := self._battery.step(report.supply_v, now_s, armed=armed):
             return trouble
@@ -240,9 +239,9 @@ class WheelBus:
             return None
         return self._following.step(command.setpoint, self.speeds(report, now_s), now_s)
 
-    def _servo_trouble(self, report: WheelReport, now_s: float) -> Reason | None:
+    def _servo_trouble(self, report: WheelReport) -> Reason | None:
         names = self.names
-        if dead := names.servos & ~report.alive(now_s):
+        if dead := names.servos & ~report.alive(self.cycled_s):
             return names.silent(dead)
         if report.faults:
             return names.about(report.faults, Code.SERVO_ERROR)

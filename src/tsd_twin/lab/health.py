@@ -27,6 +27,7 @@ from tsd_twin.lie import SE2
 from tsd_twin.messages.cdr import BASE
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.pose import PoseStamped, encode_pose
+from tsd_twin.messages.sentences import full_sentence
 from tsd_twin.messages.topics import STATUS
 from tsd_twin.recording import open_recording
 from tsd_twin.recording.mcap_file import entries
@@ -100,7 +101,7 @@ def _lines(health: Health, what: str) -> list[str]:
     lines += [f"{t_s:.1f} s: {drift.text}" for t_s, drift in health.named]
     if not health.named:
         lines.append("no part drifts")
-    return [*lines, report.note] if report.note else lines
+    return [*lines, full_sentence(report.note)] if report.note else lines
 
 
 def _inside(inside: bool) -> str:
@@ -153,7 +154,7 @@ def health_of_robot(args: argparse.Namespace, out: Output) -> list[str]:
     Raises:
         TwinError: If no robot answers, or several.
     """
-    with connect(args.connect, robot=args.id, zenoh_config=args.zenoh_config) as client:
+    with connect(args.connect or None, robot=args.id, zenoh_config=args.zenoh_config) as client:
         health = Health(ShadowTwin(client.link.robot))
         begin_s = time.monotonic()
 
@@ -258,10 +259,14 @@ class Result:
     @property
     def wrong(self) -> list[tuple[float, Drift]]:
         """Named parts that are healthy."""
-        return [(t_s, drift) for t_s, drift in self.named if not self._is_right(t_s, drift)]
+        return [
+            (t_s, drift)
+            for t_s, drift in self.named
+            if drift.part and not self._is_right(t_s, drift)
+        ]
 
     def _is_right(self, t_s: float, drift: Drift) -> bool:
-        return t_s >= 0.0 and self.case.worn_part in drift.part.split(",")
+        return t_s >= 0.0 and self.case.worn_part == drift.part
 
 
 def _twists(case: WearScenario, robot: RobotDescription) -> TwistAt:
@@ -431,47 +436,24 @@ def _flags(parser: argparse.ArgumentParser) -> None:
     source.add_argument("--log", type=Path, metavar="FILE", help="a recording of tsd-record")
     source.add_argument("--live", action="store_true", help="a robot on the bus, while it drives")
     parser.add_argument("--id", help="robot in the recording or on the bus, if there are several")
-    parser.add_argument(
-        "--connect",
-        action="append",
-        metavar="ENDPOINT",
-        help="where the robot listens, with --live",
-    )
+    text = "where the robot listens, with --live"
+    flags.add(parser, "--connect", text, metavar="ENDPOINT", repeated=True)
     parser.add_argument("--zenoh-config", metavar="FILE", help="a JSON5 file, with --live")
-    parser.add_argument(
-        "--seconds",
-        type=flags.number(5.0),
-        default=60.0,
-        help="time with --live, and of each simulated robot; default 60",
-    )
+    text = "time with --live, and of each simulated robot"
+    flags.add(parser, "--seconds", text, flags.number(5.0), 60.0)
     parser.add_argument("--plant", choices=PLANTS, default="kinematic", help="default kinematic")
-    parser.add_argument(
-        "--errors",
-        type=flags.SCALE,
-        nargs="+",
-        default=[0.0, 1.0],
-        metavar="SCALE",
-        help="times [errors] of simulated robots; default 0 1",
-    )
+    text = "times [errors] of simulated robots; default 0 1"
+    flags.add(parser, "--errors", text, flags.SCALE, [0.0, 1.0], "SCALE", nargs="+")
     parser.add_argument("--camera", action="store_true", help="simulated robots have a camera")
     parser.add_argument("--gyro", action="store_true", help="simulated robots have a yaw gyro")
-    parser.add_argument(
-        "--wear",
-        action="append",
-        default=[],
-        metavar="PART=-SIZE",
-        help="let a part of simulated robots wear half-way, as tsd-mock --wear; wheel=-5%% and "
-        "servo=-30%% are another one for each seed; may be repeated",
+    text = (
+        "let a part of simulated robots wear half-way, as tsd-mock --wear; wheel=-5%% and "
+        "servo=-30%% are another one for each seed"
     )
-    parser.add_argument(
-        "--manoeuvres",
-        nargs="+",
-        choices=[*MANOEUVRES, MIXED, STAND],
-        help="of simulated robots; default all with --wear, else mixed",
-    )
-    parser.add_argument(
-        "--seeds", type=flags.whole(1), default=1, help="robots of each row; default 1"
-    )
+    flags.add(parser, "--wear", text, metavar="PART=-SIZE", repeated=True)
+    text = "of simulated robots; default all with --wear, else mixed"
+    flags.add(parser, "--manoeuvres", text, nargs="+", choices=[*MANOEUVRES, MIXED, STAND])
+    flags.add(parser, "--seeds", "robots of each row", flags.whole(1), 1)
     experiment.add_jobs_flag(parser)
 
 

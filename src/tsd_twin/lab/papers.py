@@ -217,16 +217,8 @@ def _plot_speed(
 
 
 def _omni_step_flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--speed", type=flags.POSITIVE, default=5.0, metavar="M/S", help="default 5"
-    )
-    parser.add_argument(
-        "--acceleration",
-        type=flags.POSITIVE,
-        default=2.5,
-        metavar="M/S2",
-        help="either way; default 2.5",
-    )
+    flags.add(parser, "--speed", "default 5", flags.POSITIVE, 5.0, "M/S")
+    flags.add(parser, "--acceleration", "either way", flags.POSITIVE, 2.5, "M/S2")
 
 
 OMNI_STEP = Experiment(
@@ -292,12 +284,8 @@ def _draw_effect(robot: SphereDescription, effect: RowEffect, out: Output) -> No
 
 
 def _atlas_flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--row-distance-mm",
-        type=flags.number(0.0),
-        metavar="D",
-        help="distance of the two rows, instead of that of the file; 0 is an ideal wheel",
-    )
+    text = "distance of the two rows, instead of that of the file; 0 is an ideal wheel"
+    flags.add(parser, "--row-distance-mm", text, flags.number(0.0), metavar="D")
 
 
 ATLAS = Experiment(

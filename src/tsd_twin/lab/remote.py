@@ -156,7 +156,8 @@ class _Display:
         ]
         first = flying[0].request if flying else np.zeros(3)
         share = self._protocol.latest_status.limits.speed_mps / self._limit_mps
-        return here @ self._predictor.after(delay_s, SE2.identity(), first, flying, share)
+        measured = self._protocol.estimated_twist
+        return here @ self._predictor.after(delay_s, SE2.identity(), first, flying, share, measured)
 
 
 def drive_slalom(case: RemoteCase) -> RemoteRun:

@@ -310,34 +310,17 @@ def _draw_square(
 
 def _flags(parser: argparse.ArgumentParser) -> None:
     add_loop_flag(parser, Loop.OPEN)
-    parser.add_argument(
-        "--seeds",
-        type=flags.whole(1),
-        default=1,
-        metavar="N",
-        help="number of squares, from --seed on, to report the spread of their errors; default 1",
+    text = "number of squares, from --seed on, to report the spread of their errors"
+    flags.add(parser, "--seeds", text, flags.whole(1), 1, "N")
+    text = "factor on [errors], the model errors of a built robot"
+    flags.add(parser, "--errors", text, flags.SCALE, 1.0, "SCALE")
+    text = (
+        "plant: rolling by the equations (default), or rigid bodies that slide in MuJoCo, "
+        "with the extra `mujoco`: docs/install.md"
     )
-    parser.add_argument(
-        "--errors",
-        type=flags.SCALE,
-        default=1.0,
-        metavar="SCALE",
-        help="factor on [errors], the model errors of a built robot; default 1",
-    )
-    parser.add_argument(
-        "--plant",
-        choices=list(PLANTS),
-        default="kinematic",
-        help="plant: rolling by the equations (default), or rigid bodies that slide in MuJoCo, "
-        "with the extra `mujoco`: docs/install.md",
-    )
-    parser.add_argument(
-        "--believed-friction",
-        type=flags.POSITIVE,
-        default=1.0,
-        metavar="SHARE",
-        help="friction of the floor assumed by the robot, relative to the true one; default 1",
-    )
+    flags.add(parser, "--plant", text, default="kinematic", choices=list(PLANTS))
+    text = "friction of the floor assumed by the robot, relative to the true one"
+    flags.add(parser, "--believed-friction", text, flags.POSITIVE, 1.0, "SHARE")
     parser.add_argument(
         "--turn",
         action=argparse.BooleanOptionalAction,

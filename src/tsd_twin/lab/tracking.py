@@ -339,43 +339,22 @@ def _draw(
 
 def add_loop_flag(parser: argparse.ArgumentParser, loop: Loop) -> None:
     """Add the flag that selects the feedback."""
-    parser.add_argument(
-        "--loop",
-        choices=[kind.value for kind in Loop],
-        default=loop.value,
-        help=f"feedback of the controller; each adds to the one before it; default {loop.value}",
-    )
+    text = f"feedback of the controller; each adds to the one before it; default {loop.value}"
+    flags.add(parser, "--loop", text, default=loop.value, choices=[kind.value for kind in Loop])
 
 
 def _flags(parser: argparse.ArgumentParser) -> None:
     add_loop_flag(parser, Loop.GYRO)
-    parser.add_argument(
-        "--path",
-        default="square",
-        choices=list(NAMED_PATHS),
-        help="one of these; default square",
-    )
+    flags.add(parser, "--path", "one of these", default="square", choices=list(NAMED_PATHS))
     parser.add_argument(
         "--points", nargs="+", metavar="X,Y", help="a path of your own, metres; 0,0 1,0 1,0.5"
     )
     parser.add_argument("--smooth", action="store_true", help="a spline through the points")
-    parser.add_argument(
-        "--cut",
-        type=flags.number(0.0),
-        default=0.0,
-        metavar="M",
-        help="round corners, from so far before",
-    )
+    flags.add(parser, "--cut", "round corners, from so far before", flags.number(0.0), 0.0, "M")
     parser.add_argument("--heading", choices=["fixed", "tangent"], default="fixed")
-    parser.add_argument(
-        "--speed", type=flags.POSITIVE, metavar="MPS", help="a lower limit of speed"
-    )
-    parser.add_argument(
-        "--share",
-        type=flags.number(most=1.0, above=0.0),
-        default=SHARE,
-        help=f"of the limits that the timing uses; default {SHARE}",
-    )
+    flags.add(parser, "--speed", "a lower limit of speed", flags.POSITIVE, metavar="MPS")
+    text = "of the limits that the timing uses"
+    flags.add(parser, "--share", text, flags.number(most=1.0, above=0.0), SHARE)
 
 
 EXPERIMENT = Experiment(

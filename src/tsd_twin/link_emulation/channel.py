@@ -81,6 +81,7 @@ class LinkChannel(Generic[Packet]):
 Address: TypeAlias = tuple[Any, ...]
 """Address in the format of the socket module."""
 _KINDS = {"tcp": socket.SOCK_STREAM, "udp": socket.SOCK_DGRAM}
+_PROTOCOLS = {"tcp": socket.IPPROTO_TCP, "udp": socket.IPPROTO_UDP}
 _LARGEST_DATAGRAM = 65536
 _AT_A_TIME = 64  # Bounded, so that a flooding client cannot block the loop.
 
@@ -92,7 +93,9 @@ def bound(endpoint: Endpoint) -> socket.socket:
         LinkError: If the port is in use, or the host is unknown or not local.
     """
     family, address = resolved(endpoint)
-    made = socket.socket(family, _KINDS[endpoint.protocol])
+    # Without a protocol asyncio does not set TCP_NODELAY, and the last segment of a message waits
+    # 40 ms for the receiver's delayed acknowledgement.
+    made = socket.socket(family, _KINDS[endpoint.protocol], _PROTOCOLS[endpoint.protocol])
     try:
         made.setblocking(False)
         if endpoint.protocol == "tcp":

@@ -272,7 +272,7 @@ class Profile:
 
     link: LinkSpec
     source: str
-    """Origin of its figures, and what is assumed."""
+    """Origin of its figures, and its assumptions."""
 
 
 PROFILES = {

@@ -165,6 +165,7 @@ class Code(StrEnum):
     SERVO_WARM = "servo_warm"
     SERVOS_COOLED = "servos_cooled"
     ACTUATOR_SUSPECT = "actuator_suspect"
+    ACTUATORS_CONTRADICT = "actuators_contradict"
     POSE_RESET = "pose_reset"
     DUPLICATE_ID_GONE = "duplicate_id_gone"
     RECORDING_PAUSED = "recording_paused"
@@ -231,6 +232,19 @@ class Code(StrEnum):
     OFF_PATH = "off_path"
     NO_PROGRESS = "no_progress"
     STAYS_FROM_GOAL = "stays_from_goal"
+    # Shadow twin.
+    SERVO_SLOWER = "servo_slower"
+    WHEEL_SLOWER = "wheel_slower"
+    WHEELS_SLOWER = "wheels_slower"
+    WHEEL_WEAKER = "wheel_weaker"
+    WHEELS_WEAKER = "wheels_weaker"
+    WHEEL_WORN = "wheel_worn"
+    WHEELS_WORN = "wheels_worn"
+    GIMBAL_ASIDE = "gimbal_aside"
+    BATTERY_LOWER = "battery_lower"
+    UNKNOWN_PART = "unknown_part"
+    UNKNOWN_WHEEL = "unknown_wheel"
+    SPEEDS_UNMEASURED = "speeds_unmeasured"
 
 
 class Type(StrEnum):
@@ -263,6 +277,7 @@ class Type(StrEnum):
     TRIP = "trip"
     OBSTACLE = "obstacle"
     RESET_CAUSE = "reset cause"
+    SINCE = "since"
     # The reason behind this one, in `Reason.cause`.
     CAUSE = "cause"
 
@@ -286,6 +301,8 @@ _HOLDER = {"holder": Type.OPERATOR}
 _ASKER = {"asker": Type.OPERATOR}
 _SERVOS = {"servos": Type.SERVOS}
 _TEXT = {"text": Type.TEXT}
+_LOST = {"percent": Type.PERCENT, "since?": Type.SINCE}
+_WHEEL_LOST = {"wheel": Type.NAME, **_LOST}
 
 PARAMETERS: Mapping[Code, Mapping[str, Type]] = {
     Code.TEXT: _TEXT,
@@ -415,6 +432,7 @@ PARAMETERS: Mapping[Code, Mapping[str, Type]] = {
     Code.SERVO_WARM: {"celsius": Type.CELSIUS, "limit_c": Type.CELSIUS},
     Code.SERVOS_COOLED: {},
     Code.ACTUATOR_SUSPECT: {"actuator": Type.NAME},
+    Code.ACTUATORS_CONTRADICT: {"actuators": Type.NAME},
     Code.POSE_RESET: {"metres": Type.M, "deg": Type.DEG},
     Code.DUPLICATE_ID_GONE: {"robot": Type.NAME},
     Code.RECORDING_PAUSED: _TEXT,
@@ -477,6 +495,18 @@ PARAMETERS: Mapping[Code, Mapping[str, Type]] = {
     Code.OFF_PATH: {"metres": Type.M, "deg": Type.DEG},
     Code.NO_PROGRESS: {},
     Code.STAYS_FROM_GOAL: {"metres": Type.M},
+    Code.SERVO_SLOWER: {"joint": Type.NAME, **_LOST},
+    Code.WHEEL_SLOWER: _WHEEL_LOST,
+    Code.WHEELS_SLOWER: _LOST,
+    Code.WHEEL_WEAKER: _WHEEL_LOST,
+    Code.WHEELS_WEAKER: _LOST,
+    Code.WHEEL_WORN: _WHEEL_LOST,
+    Code.WHEELS_WORN: _LOST,
+    Code.GIMBAL_ASIDE: {"joint": Type.NAME, "deg": Type.DEG, "since?": Type.SINCE},
+    Code.BATTERY_LOWER: {"volts": Type.VOLT, "lost": Type.VOLT},
+    Code.UNKNOWN_PART: {"parts?": Type.NAME},
+    Code.UNKNOWN_WHEEL: {"parts": Type.NAME},
+    Code.SPEEDS_UNMEASURED: {},
 }
 """Parameters of each code, by name; a name that ends with "?" may be missing."""
 

@@ -15,19 +15,10 @@ from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.services import LeaseReply, Reply
 from tsd_twin.messages.signatures import ATTACHMENT_BYTES, TAG_BYTES
+from tsd_twin.messages.topics import Sample
 
 _ATTACHMENT = struct.Struct("<Q16sQ")
 _PAYLOADS_KEPT = 16
-
-
-@dataclass(frozen=True, slots=True)
-class Sample:
-    """Unvalidated bus sample: key, payload and attachment."""
-
-    key: str
-    payload: bytes
-    attachment: bytes
-    is_put: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,4 +1,4 @@
-"""Pose messages: `PoseStamped`, as `sensor/pose` has it."""
+"""Pose messages: `PoseStamped`, the format of `sensor/pose`."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.cdr import ODOM, wrapped_heading
 from tsd_twin.messages.cdr_codec import CdrReader, CdrWriter
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.errors import MessageError
+from tsd_twin.messages.topics import Sample
 
 _LENGTH_OFF = 1e-3
 """Tolerance on quaternion length, above rounding errors."""

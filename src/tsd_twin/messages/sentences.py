@@ -2,7 +2,7 @@
 
 A template is part of a sentence, without capital and full stop. `{name}` is a parameter, `{cause}`
 the text of the reason behind it. `{name:.1}` has one decimal, `{name:+.1}` always a sign,
-`{name:,}` commas between thousands. A part in brackets is left out if one of its parameters is
+`{name:,}` commas between thousands. A part in brackets is omitted if one of its parameters is
 missing; the part after its bar is shown instead.
 """
 
@@ -176,6 +176,7 @@ TEMPLATES: Mapping[Code, str] = {
     Code.SERVO_WARM: "a servo has {celsius} °C: at {limit_c} °C the robot slows down",
     Code.SERVOS_COOLED: "the servos have cooled: the robot drives as usual",
     Code.ACTUATOR_SUSPECT: "{actuator} contradicts the others",
+    Code.ACTUATORS_CONTRADICT: "one of {actuators} contradicts the others",
     Code.POSE_RESET: (
         "the pose sensor is {metres:.2} m and {deg} degrees off the estimate, at rest: the "
         "estimate is reset to it"
@@ -244,6 +245,24 @@ TEMPLATES: Mapping[Code, str] = {
     Code.OFF_PATH: "the robot is {metres} and {deg} off its path",
     Code.NO_PROGRESS: "the robot makes no progress",
     Code.STAYS_FROM_GOAL: "the robot stays {metres} from its goal",
+    Code.SERVO_SLOWER: "the servo of {joint} follows {percent} % slower[, {since}]",
+    Code.WHEEL_SLOWER: "{wheel} turns {percent} % slower than its set-point[, {since}]",
+    Code.WHEELS_SLOWER: "all wheels turn {percent} % slower than their set-points[, {since}]",
+    Code.WHEEL_WEAKER: "{wheel} drives the robot {percent} % less than its set-point[, {since}]",
+    Code.WHEELS_WEAKER: (
+        "all wheels drive the robot {percent} % less than their set-points[, {since}]"
+    ),
+    Code.WHEEL_WORN: "{wheel} drives the robot {percent} % less than it turns[, {since}]",
+    Code.WHEELS_WORN: "all wheels drive the robot {percent} % less than they turn[, {since}]",
+    Code.GIMBAL_ASIDE: "{joint} is {deg:+.1}° off its measured angle[, {since}]",
+    Code.BATTERY_LOWER: "the battery has {volts:.1} V, {lost:.1} V less than expected",
+    Code.UNKNOWN_PART: (
+        "the motion differs from the joints, and the part is not known[: one of {parts}]"
+    ),
+    Code.UNKNOWN_WHEEL: "wheel speeds differ from their set-points: one of {parts}",
+    Code.SPEEDS_UNMEASURED: (
+        "wheel speeds are not measured: a slow wheel shows only with a pose sensor or a gyro"
+    ),
 }
 
 _DRIVE = "the speed controllers have no power: the stop circuit is open"
@@ -255,6 +274,7 @@ _SILENT = "it does not say why"
 WORDS: Mapping[Type, Mapping[str, str]] = {
     Type.SERVOS: {"one": "servo", "several": "servos"},
     Type.MODE: {mode.value: mode.value for mode in Mode},
+    Type.SINCE: {"start": "from the start"},
     Type.LATCHED: {"stopped": "stopped", "fault": "in a fault"},
     Type.REQUEST: {
         "acquire": "acquire control",
@@ -305,6 +325,7 @@ WORDS: Mapping[Type, Mapping[str, str]] = {
         "line": "the line from the computer lost bytes, and kept the board from its servos",
         "drive": "the stop circuit opened: the speed controllers lost their power",
         "following": "a gimbal does not follow its goal: it is stuck, or its servo is",
+        "wheel": "a wheel does not follow its throttle",
         "stopped": "STOP",
     },
     Type.OBSTACLE: {

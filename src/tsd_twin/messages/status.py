@@ -253,6 +253,32 @@ def _with_reasons(status: RobotStatus) -> RobotStatus:
     return msgspec.structs.replace(status, refusals=refusals, limits=limits, stop=stop)
 
 
+class Summary(msgspec.Struct, frozen=True):
+    """`state/summary`: the current message of each stream, for whoever follows no stream."""
+
+    status_seq: int
+    """Number of the `state/status` in it."""
+    payloads: Mapping[str, bytes]
+    """Payloads by topic, such as `state/odom`."""
+
+
+def encode_summary(summary: Summary) -> bytes:
+    """Encode a summary as MessagePack."""
+    return msgspec.msgpack.encode(summary)
+
+
+def decode_summary(payload: bytes) -> Summary:
+    """Decode a summary from MessagePack.
+
+    Raises:
+        MessageError: If it is not a summary (`shape`).
+    """
+    try:
+        return msgspec.msgpack.decode(payload, type=Summary)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise MessageError("shape", f"not a summary: {error}") from error
+
+
 _REFUSED = tuple(field for field in Refusals.__struct_fields__ if field != "why")
 
 

@@ -28,6 +28,16 @@ class QoS(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class Sample:
+    """Unvalidated bus sample: key, payload and attachment."""
+
+    key: str
+    payload: bytes
+    attachment: bytes
+    is_put: bool = True
+
+
+@dataclass(frozen=True, slots=True)
 class Topic:
     """Topic table row: a stream from or to a robot."""
 
@@ -53,6 +63,7 @@ ODOM = Topic("state/odom", "nav_msgs/msg/Odometry", QoS.DATA, 50.0)
 ODOM_ALTERNATIVE = Topic("state/odom_alternative", "nav_msgs/msg/Odometry", QoS.DATA, 50.0)
 TRUTH = Topic("state/truth", "nav_msgs/msg/Odometry", QoS.DATA, 50.0)
 STATUS = Topic("state/status", "json", QoS.DATA, 20.0)
+SUMMARY = Topic("state/summary", "msgpack", QoS.DATA, 2.0)
 EVENT = Topic("event/*", "json", QoS.EVENT, 5.0)
 INPUTS = Topic("log/inputs", "msgpack", QoS.LOG, 5.0)
 
@@ -66,6 +77,7 @@ TOPICS = (
     ODOM_ALTERNATIVE,
     TRUTH,
     STATUS,
+    SUMMARY,
     EVENT,
     INPUTS,
 )

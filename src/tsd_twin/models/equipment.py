@@ -173,7 +173,7 @@ def _radio(
     """Draw a receiver with its antenna about the origin.
 
     `half` are half sides of the case, and `z` the heights of the antenna's foot and of both ends
-    of its cap. `radii` are those of the foot and of both ends of mast and cap.
+    of its cap. `radii`: foot, and both ends of mast and cap.
     """
     (x, y), at, (low, top, end) = half, (*antenna, 0.0), z
     foot, mast, thin, cap, cap_end = radii

@@ -27,7 +27,9 @@ from tsd_twin.models.links import (
     KinematicTree,
     Link,
     LinkGroup,
+    from_roll_pitch_yaw,
     roll_pitch_yaw,
+    three_numbers,
 )
 from tsd_twin.models.solids import Drawing, Material, Parts, drawn
 from tsd_twin.robots import ExternalDescription
@@ -176,7 +178,7 @@ class _UrdfReader:
             self._stiff += 1
             return below, on, here
         element = joint.find("axis")
-        axis = _three(None if element is None else element.get("xyz"), (1.0, 0.0, 0.0))
+        axis = three_numbers(None if element is None else element.get("xyz"), (1.0, 0.0, 0.0))
         length = math.hypot(*axis)
         if not length > 1e-9:
             raise ValueError(f"the axis of {name} has no direction")
@@ -258,29 +260,14 @@ def _end(joint: ET.Element, which: str) -> str:
     return end.attrib["link"]
 
 
-def _three(text: str | None, default: Triple = (0.0, 0.0, 0.0)) -> Triple:
-    if text is None:
-        return default
-    x, y, z = (float(part) for part in text.split())
-    if not all(map(math.isfinite, (x, y, z))):
-        raise ValueError("a number is not finite")
-    return x, y, z
-
-
 def _origin(element: ET.Element) -> _Pose:
     origin = element.find("origin")
     if origin is None:
         return _HERE
-    at = np.array(_three(origin.get("xyz")))
+    at = np.array(three_numbers(origin.get("xyz")))
     if np.abs(at).max() > _MAX_DISTANCE_M:
         raise ValueError(f"an origin is farther than {_MAX_DISTANCE_M:g} m away")
-    return _Pose(at, _turn(np.array(_three(origin.get("rpy")))))
-
-
-def _turn(rpy_rad: Array) -> SO3:
-    """Return the rotation about fixed X, then Y, then Z."""
-    x, y, z = (SO3.exp(angle * axis) for angle, axis in zip(rpy_rad, np.eye(3), strict=True))
-    return z @ y @ x
+    return _Pose(at, from_roll_pitch_yaw(np.array(three_numbers(origin.get("rpy")))))
 
 
 def _part(geometry: ET.Element) -> ExternalPart | None:
@@ -288,7 +275,7 @@ def _part(geometry: ET.Element) -> ExternalPart | None:
     box, cylinder = geometry.find("box"), geometry.find("cylinder")
     sphere = geometry.find("sphere")
     if box is not None:
-        return ExternalPart(shape="box", size_m=_sizes(*_three(box.attrib["size"])))
+        return ExternalPart(shape="box", size_m=_sizes(*three_numbers(box.attrib["size"])))
     if cylinder is not None:
         wide = 2.0 * float(cylinder.attrib["radius"])
         size = _sizes(wide, wide, float(cylinder.attrib["length"]))
@@ -351,7 +338,7 @@ def _degrees(turn: SO3) -> Triple:
 
 
 def _placed(entry: ExternalPart | ExternalJoint) -> _Pose:
-    return _Pose(np.array(entry.at_m), _turn(np.radians(entry.rpy_deg)))
+    return _Pose(np.array(entry.at_m), from_roll_pitch_yaw(np.radians(entry.rpy_deg)))
 
 
 def _part_corners(part: ExternalPart) -> Array:

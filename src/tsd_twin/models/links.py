@@ -128,6 +128,28 @@ def from_axes(x: Array, y: Array, z: Array) -> SO3:
     return SO3(np.asarray(matrices.as_quat(scalar_first=True), np.float64))
 
 
+def three_numbers(
+    text: str | None, default: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> tuple[float, float, float]:
+    """Return the numbers of an attribute of a URDF; None gives the default.
+
+    Raises:
+        ValueError: If these are not three finite numbers.
+    """
+    if text is None:
+        return default
+    x, y, z = (float(part) for part in text.split())
+    if not all(map(math.isfinite, (x, y, z))):
+        raise ValueError("a number is not finite")
+    return x, y, z
+
+
+def from_roll_pitch_yaw(rpy_rad: Array) -> SO3:
+    """Return the rotation about fixed X, then Y, then Z by the angles (3,) of a URDF."""
+    x, y, z = (SO3.exp(angle * axis) for angle, axis in zip(rpy_rad, np.eye(3), strict=True))
+    return z @ y @ x
+
+
 def roll_pitch_yaw(turn: Array | tuple[float, ...]) -> tuple[float, float, float]:
     """Return the angles about fixed X, Y, Z, in this order, for a rotation (4,), radians."""
     w, x, y, z = (float(q) for q in turn)

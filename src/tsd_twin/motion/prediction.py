@@ -112,16 +112,23 @@ class Predictor:
         self._remaining = math.exp(-step_s / lag_s) if lag_s > 0.0 else 0.0
 
     def _states(
-        self, pose: SE2, twist: Array, commands: Sequence[PendingCommand], share: float = 1.0
+        self,
+        pose: SE2,
+        twist: Array,
+        commands: Sequence[PendingCommand],
+        share: float,
+        measured: Array | None,
     ) -> Iterator[tuple[float, SE2, Array]]:
         """Yield time, pose and actual twist (3,), which lags the commanded one, of each step.
 
-        It starts at `pose` with `twist` (3,) commanded to the joints. `commands` are in the
-        order of arrival. The last one holds forever; without any, the twist stays constant. `share`
-        is the fraction of the limits allowed by the lease.
+        It starts at `pose` with `twist` (3,) commanded to the joints, moving with the twist
+        `measured` (3,), or with the commanded one if None. `commands` are in the order of arrival.
+        The last one holds forever; without any, the commanded twist stays constant. `share` is the
+        fraction of the limits allowed by the lease.
         """
         waiting, step_s = list(commands), self._step_s
-        goal = moving = twist = np.asarray(twist, float)
+        goal = twist = np.asarray(twist, float)
+        moving = twist if measured is None else np.asarray(measured, float)
         newest: PendingCommand | None = None
         for step in range(round(LONGEST_S / step_s) + 1):
             after_s = step * step_s
@@ -144,21 +151,39 @@ class Predictor:
         twist: Array,
         commands: Sequence[PendingCommand],
         share: float = 1.0,
+        measured: Array | None = None,
     ) -> SE2:
-        """Return the pose after `ahead_s`, rounded to a step."""
-        for after_s, predicted, _ in self._states(pose, twist, commands, share):
+        """Return the pose after `ahead_s`, rounded to a step.
+
+        Args:
+            ahead_s: Time from the initial state.
+            pose: Initial pose.
+            twist: (3,): twist commanded to the joints at that time.
+            commands: Commands in transit, in the order of arrival.
+            share: Fraction of the limits allowed by the lease.
+            measured: (3,): estimated twist at that time; by default, the commanded one.
+        """
+        for after_s, predicted, _ in self._states(pose, twist, commands, share, measured):
             pose = predicted
             if after_s >= ahead_s - 0.5 * self._step_s:
                 break
         return pose
 
     def until_rest(
-        self, pose: SE2, twist: Array, commands: Sequence[PendingCommand], share: float = 1.0
+        self,
+        pose: SE2,
+        twist: Array,
+        commands: Sequence[PendingCommand],
+        share: float = 1.0,
+        measured: Array | None = None,
     ) -> list[SE2]:
-        """Return the predicted poses until the last command is active and the robot is at rest."""
+        """Return the predicted poses until the last command is active and the robot is at rest.
+
+        Arguments are as for `after`.
+        """
         path: list[SE2] = []
         last_s = commands[-1].after_s if commands else 0.0
-        for after_s, predicted, moving in self._states(pose, twist, commands, share):
+        for after_s, predicted, moving in self._states(pose, twist, commands, share, measured):
             path.append(predicted)
             if after_s > last_s and np.abs(moving).max() < AT_REST:
                 break

@@ -36,7 +36,7 @@ class TwistLimiter:
         return twist / _max_utilization(*self.utilizations(twist, share))
 
     def utilizations(self, twist: Array, share: Array | float = 1.0) -> tuple[Any, Any, Any]:
-        """Return what `twist` (..., 3) uses of the limits of speed, turn rate and joints, (...)."""
+        """Return the utilizations (...) of the speed, turn rate and joint limits by `twist`."""
         limits = self._limits
         _, _, turn_rate = _components(twist)
         return (

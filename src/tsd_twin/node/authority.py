@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Protocol, TypeAlias
 
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.services import LeaseReply, Reply
-from tsd_twin.messages.topics import Service
+from tsd_twin.messages.topics import Sample, Service
 
 Serve: TypeAlias = Callable[[Service, bytes, float], LeaseReply | Reply]
 

@@ -10,7 +10,6 @@ import logging
 import secrets
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -33,8 +32,14 @@ from tsd_twin.messages.cdr import Odometry, encode_joints, encode_odometry
 from tsd_twin.messages.codes import Reason, hardware_reason
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.services import Description
-from tsd_twin.messages.status import LoopStatus, encode_stamp, encode_status
-from tsd_twin.messages.topics import QoS, Service
+from tsd_twin.messages.status import (
+    LoopStatus,
+    Summary,
+    encode_stamp,
+    encode_status,
+    encode_summary,
+)
+from tsd_twin.messages.topics import QoS, Service, Topic
 from tsd_twin.node.authority import Authority
 from tsd_twin.node.input_log import InputLogPublisher, build
 from tsd_twin.node.timing import DuplicateIdMonitor, RateKeeper
@@ -47,6 +52,15 @@ _EXACT = np.zeros((3, 3))
 _STATE_EVERY = 2  # 50 Hz
 _STATUS_EVERY = 5  # 20 Hz
 _LOOP_STATUS_EVERY = 20  # 5 Hz
+_SUMMARY_EVERY = 50  # 2 Hz
+_STREAMS = (
+    topics.SETPOINT,
+    topics.JOINTS,
+    topics.ODOM,
+    topics.ODOM_ALTERNATIVE,
+    topics.TRUTH,
+)
+"""Streams at 50 Hz; the setpoint also follows each command at once."""
 _COMMANDS_KEPT = 64
 """Command queue size, above the number of operators; in a flood the oldest are dropped."""
 
@@ -189,56 +203,76 @@ class RobotNode:
         state_due = tick % _STATE_EVERY == 0
         # Publish the effect of a new command immediately, which saves half a period on average.
         if state_due or commanded:
-            self._put_if_matched(
-                topics.SETPOINT, lambda: encode_joints(controller.setpoint_state(stamp_ns)), now_s
-            )
+            self._put_if_matched(topics.SETPOINT, now_s, stamp_ns)
         if state_due:
-            self._put_if_matched(
-                topics.JOINTS, lambda: encode_joints(controller.joint_state(stamp_ns)), now_s
-            )
-            self._publish_poses(now_s, stamp_ns)
-        for event in controller.take_events():
+            for topic in _STREAMS[1:]:
+                self._put_if_matched(topic, now_s, stamp_ns)
+        self._publish_events()
+        is_new_mode = controller.supervisor.mode is not self._mode
+        if tick % _STATUS_EVERY == 0 or is_new_mode:
+            payload = self._publish_status(now_s, tick, rate)
+            if tick % _SUMMARY_EVERY == 0 or is_new_mode:
+                self._publish_summary(payload, now_s, stamp_ns)
+
+    def _publish_events(self) -> None:
+        for event in self._controller.take_events():
             self._put_event(event)
         for event in self._authority.take_events() if self._authority else ():
             self._put_event(event)
         if (met := self._duplicate_ids.take_event()) is not None:
             self._put_event(met)
-        if tick % _STATUS_EVERY == 0 or controller.supervisor.mode is not self._mode:
-            self._mode = controller.supervisor.mode
-            if tick % _LOOP_STATUS_EVERY == 0:
-                self._loop_status = rate.status()
-            status = controller.status(now_s, self._loop_status, self._io.hardware())
-            self._numbers[topics.STATUS] += 1
-            self._put(topics.STATUS, encode_status(status), now_s)
-            controller.record_status_sent(self._numbers[topics.STATUS], now_s)
-            if self._authority is not None:
-                self._authority.record_status(self._numbers[topics.STATUS], now_s)
 
-    def _publish_poses(self, now_s: float, stamp_ns: int) -> None:
-        controller, io = self._controller, self._truth_io
-        self._put_if_matched(
-            topics.ODOM, lambda: encode_odometry(controller.odometry(stamp_ns)), now_s
-        )
-        if self._publishers[topics.ODOM_ALTERNATIVE].has_subscribers:
+    def _publish_status(self, now_s: float, tick: int, rate: RateKeeper) -> bytes:
+        controller = self._controller
+        self._mode = controller.supervisor.mode
+        if tick % _LOOP_STATUS_EVERY == 0:
+            self._loop_status = rate.status()
+        status = controller.status(now_s, self._loop_status, self._io.hardware())
+        self._numbers[topics.STATUS] += 1
+        payload = encode_status(status)
+        self._put(topics.STATUS, payload, now_s)
+        controller.record_status_sent(self._numbers[topics.STATUS], now_s)
+        if self._authority is not None:
+            self._authority.record_status(self._numbers[topics.STATUS], now_s)
+        return payload
+
+    def _publish_summary(self, status: bytes, now_s: float, stamp_ns: int) -> None:
+        self._numbers[topics.SUMMARY] += 1
+        if not self._publishers[topics.SUMMARY].has_subscribers:
+            return
+        payloads = {topics.STATUS.path: status}
+        for topic in _STREAMS:
+            if (payload := self._encoded(topic, now_s, stamp_ns)) is not None:
+                payloads[topic.path] = payload
+        summary = Summary(self._numbers[topics.STATUS], payloads)
+        self._put(topics.SUMMARY, encode_summary(summary), now_s)
+
+    def _encoded(self, topic: Topic, now_s: float, stamp_ns: int) -> bytes | None:
+        """Return the current message of a stream, or None if the robot has none."""
+        controller = self._controller
+        if topic is topics.SETPOINT:
+            return encode_joints(controller.setpoint_state(stamp_ns))
+        if topic is topics.JOINTS:
+            return encode_joints(controller.joint_state(stamp_ns))
+        if topic is topics.ODOM:
+            return encode_odometry(controller.odometry(stamp_ns))
+        if topic is topics.ODOM_ALTERNATIVE:
             other = controller.alternative_odometry(stamp_ns)
-            if other is not None:
-                self._numbers[topics.ODOM_ALTERNATIVE] += 1
-                self._put(topics.ODOM_ALTERNATIVE, encode_odometry(other), now_s)
-        if io is not None:
-            self._put_if_matched(topics.TRUTH, lambda: _encode_truth(io, now_s, stamp_ns), now_s)
+            return None if other is None else encode_odometry(other)
+        return None if self._truth_io is None else _encode_truth(self._truth_io, now_s, stamp_ns)
 
-    def _put_if_matched(
-        self, topic: topics.Topic, encode: Callable[[], bytes], now_s: float
-    ) -> None:
-        """Publish the result of `encode`, which is only called if there are subscribers.
+    def _put_if_matched(self, topic: Topic, now_s: float, stamp_ns: int) -> None:
+        """Publish a stream; it is only encoded if there are subscribers.
 
         Always increments the sequence number, so that gaps show missed messages.
         """
         self._numbers[topic] += 1
         if self._publishers[topic].has_subscribers:
-            self._put(topic, encode(), now_s)
+            payload = self._encoded(topic, now_s, stamp_ns)
+            if payload is not None:
+                self._put(topic, payload, now_s)
 
-    def _put(self, topic: topics.Topic, payload: bytes, now_s: float) -> None:
+    def _put(self, topic: Topic, payload: bytes, now_s: float) -> None:
         stamp = encode_stamp(self._numbers[topic], int(now_s * 1e9))
         self._publishers[topic].put(payload, stamp)
 

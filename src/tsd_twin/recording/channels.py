@@ -20,11 +20,10 @@ import msgspec
 
 from tsd_twin.control.logged_controller import Call, ServeCall, StopCall, decode_batch
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.ros_types import decode_cdr
 from tsd_twin.messages.status import decode_stamp
-from tsd_twin.messages.topics import Topic
+from tsd_twin.messages.topics import Sample, Topic
 
 RAW = "/raw"
 """Suffix of the topics for data that does not fit in the message itself."""

@@ -128,7 +128,7 @@ def _mode_after(index: RecordingIndex, robot: str, at_ns: int) -> str:
 
 
 def _same(event: Event) -> str:
-    """Return what repeated events have in common: their code, request and cause."""
+    """Return the common part of repeated events: their code, request and cause."""
     if event.why is None:
         return event.rule
     cause = [] if event.why.cause is None else [event.why.cause.code]

@@ -27,9 +27,8 @@ from tsd_twin.control.logged_controller import (
 )
 from tsd_twin.errors import TwinError
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.errors import MessageError
-from tsd_twin.messages.topics import Service
+from tsd_twin.messages.topics import Sample, Service
 from tsd_twin.recording import mcap_file
 from tsd_twin.recording.channels import JSON, MSGPACK, RAW, Entry, RawMessage, robot_of, topic_of
 from tsd_twin.recording.data import Recording, open_recording

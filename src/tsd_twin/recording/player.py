@@ -258,7 +258,8 @@ class Replay:
             for topic in self._recording.topics
             if topic.startswith(tuple(above + prefix for prefix in _PREFIXES))
             and not topic.endswith(RAW)
-            and topic_of(topic) is not None
+            # A summary has an unmarked status; without one, dashboards follow the streams.
+            and topic_of(topic) not in (None, topics.SUMMARY)
         }
         return mcap_file.entries(self._recording.path, wanted)
 

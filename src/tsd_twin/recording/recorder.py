@@ -17,10 +17,9 @@ from tsd_twin.bus import Bus, Publisher
 from tsd_twin.errors import BusError
 from tsd_twin.messages import topics
 from tsd_twin.messages.codes import Code, Reason, because
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.pictures import CameraName
-from tsd_twin.messages.topics import QoS, Service
+from tsd_twin.messages.topics import QoS, Sample, Service
 from tsd_twin.recording.channels import EntryMaker, robot_of
 from tsd_twin.recording.folder import RecordingFolder
 from tsd_twin.recording.mcap_file import RecordingFile

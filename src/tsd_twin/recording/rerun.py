@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
 from collections import deque
@@ -29,11 +30,13 @@ from tsd_twin.control.logged_controller import (
     load_state,
 )
 from tsd_twin.errors import RecordingError, TwinError
-from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.kinematics import JointKind
+from tsd_twin.lie import SE2, SO3, Array, wrap
 from tsd_twin.messages import topics
-from tsd_twin.messages.codes import hardware_reason
+from tsd_twin.messages.codes import Reason, hardware_reason
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.modes import Mode
+from tsd_twin.messages.pose import decode_pose_measurement
 from tsd_twin.messages.sentences import sentence
 from tsd_twin.messages.services import LeaseReply, Reply
 from tsd_twin.messages.status import LoopStatus
@@ -41,6 +44,7 @@ from tsd_twin.messages.topics import Service
 from tsd_twin.recording import mcap_file
 from tsd_twin.recording.data import Recording
 from tsd_twin.robots import RobotDescription
+from tsd_twin.simulation import SimRobot
 
 Stretch: TypeAlias = Sequence[InputBatch]
 """Contiguous part of an input log."""
@@ -75,7 +79,41 @@ class RerunResult:
     recorded_estimates: list[Array] = field(default_factory=list[Array])
     """Pose (3,), or quaternion (4,) for a sphere, and twist (3,)."""
     estimates: list[Array] = field(default_factory=list[Array])
+    odometry: list[Array] = field(default_factory=list[Array])
+    """Pose (3,) or quaternion (4,) by dead reckoning, without pose sensor, per step."""
+    sensed: list[tuple[float, Array]] = field(default_factory=list[tuple[float, Array]])
+    """Poses (3,) of the pose sensor, with their time since the first step."""
     difference: Difference | None = None
+
+    def sensed_motion(self) -> tuple[Array, Array] | None:
+        """Return the motion (3,) by the pose sensor, and by dead reckoning at the same times.
+
+        Both are from start to end of the poses of the sensor, in the axes of the robot at the
+        start. Poses before the first and after the last motion are averaged. None without poses of
+        two times.
+        """
+        if len(self.sensed) < 2 or len(self.odometry[0]) != 3:
+            return None
+        last = len(self.t_s) - 1
+        at = np.searchsorted(self.t_s, [t_s for t_s, _ in self.sensed]).clip(0, last)
+        reckoned, sensed = np.array(self.odometry)[at], np.array([pose for _, pose in self.sensed])
+        start, end = (_near(reckoned, reckoned[i]) for i in (0, -1))
+        by_sensor, by_joints = (
+            (_mean(poses[start]).inverse() @ _mean(poses[end])).xy_heading
+            for poses in (sensed, reckoned)
+        )
+        return by_sensor, by_joints
+
+    def largest_setpoint_difference(self, kind: JointKind) -> tuple[float, int, int] | None:
+        """Return the largest difference of joints of a kind, with its step and joint.
+
+        It is in rad for position joints and rad/s for velocity joints; None if nothing differs.
+        """
+        apart = np.nan_to_num(np.abs(np.array(self.setpoints) - np.array(self.recorded)))
+        apart *= [joint.kind is kind for joint in self.robot.kinematics().joints]
+        step, joint = np.unravel_index(int(np.argmax(apart)), apart.shape)
+        largest = float(apart[step, joint])
+        return (largest, int(step), int(joint)) if largest > 0.0 else None
 
     @property
     def largest_difference(self) -> float:
@@ -85,6 +123,25 @@ class RerunResult:
             (float(np.nanmax(np.abs(np.array(a) - np.array(b)), initial=0.0)) for a, b in pairs),
             default=0.0,
         )
+
+
+_STILL = np.array([0.005, 0.005, 0.02])
+"""Distance of poses (m, m, rad) within which the robot counts as at the same place."""
+
+
+def _near(poses: Array, pose: Array) -> list[int]:
+    """Return the indices of the poses (n, 3) at the same place as `pose` (3,)."""
+    return np.flatnonzero((np.abs(wrapped(poses - pose)) <= _STILL).all(axis=1)).tolist()
+
+
+def _mean(poses: Array) -> SE2:
+    """Return the mean of poses (n, 3) that are near each other."""
+    return SE2(poses[0] + wrapped(poses - poses[0]).mean(axis=0))
+
+
+def wrapped(differences: Array) -> Array:
+    """Return differences (..., 3) of poses with the heading in (-pi, pi]."""
+    return np.concatenate([differences[..., :2], wrap(differences[..., 2:])], axis=-1)
 
 
 def stretches(batches: Iterable[InputBatch]) -> list[list[InputBatch]]:
@@ -177,6 +234,7 @@ class Rerun:
                 answer = controller.serve(Service(call.service), call.payload, call.now_s)
                 self._compare_replies(f"the answer to {call.service}", call, answer)
             case PosesCall():
+                self._sense(call)
                 controller.add_pose_measurements(call.poses, call.now_s, call.wall_ns)
             case StepCall():
                 self._step(call)
@@ -186,13 +244,26 @@ class Rerun:
             case SentCall():
                 controller.record_status_sent(call.seq, call.now_s)
 
+    def _sense(self, call: PosesCall) -> None:
+        """Collect the valid poses of the pose sensor."""
+        for sample in call.poses:
+            with contextlib.suppress(MessageError):
+                pose, stamp_ns = decode_pose_measurement(sample)
+                taken_s = call.now_s - 1e-9 * (call.wall_ns - stamp_ns)
+                if self._start_s is not None and taken_s >= self._start_s:
+                    self._result.sensed.append((taken_s - self._start_s, pose.xy_heading))
+
+    def _inputs(self, call: StepCall) -> tuple[Array | None, Reason | None, float | None]:
+        """Return measurement (n + s,), fault and battery voltage for a step: the recorded ones."""
+        measured = None if call.measured is None else np.frombuffer(call.measured, "<f8").copy()
+        return measured, hardware_reason(call.fault), call.battery_v
+
     def _step(self, call: StepCall) -> None:
         controller, result = self.controller, self._result
         self._start_s = call.now_s if self._start_s is None else self._start_s
-        measured = None if call.measured is None else np.frombuffer(call.measured, "<f8").copy()
-        fault = hardware_reason(call.fault)
+        measured, fault, battery_v = self._inputs(call)
         setpoint = controller.step(
-            call.now_s, measured, call.samples, fault, call.battery_v, call.servo_c
+            call.now_s, measured, call.samples, fault, battery_v, call.servo_c
         )
         controller.take_events()
         estimate, others = estimate_numbers(controller)
@@ -203,6 +274,10 @@ class Rerun:
         result.setpoints.append(setpoint.copy())
         result.recorded_estimates.append(recorded_estimate)
         result.estimates.append(here)
+        unfused = controller.unfused_pose
+        result.odometry.append(
+            unfused.xy_heading.copy() if isinstance(unfused, SE2) else unfused.wxyz.copy()
+        )
         if result.difference is None:
             names = [joint.name for joint in controller.kinematics.joints]
             self._compare_numbers("the set-point of", names, recorded, setpoint, call)
@@ -294,6 +369,44 @@ class WhatIf(Rerun):
             )
         self.controller = RobotController(other, self._lease, pose=pose)
         self._result = RerunResult(other)
+        self._start_pose = pose
+
+
+class Resimulation(WhatIf):
+    """Recorded requests and commands on a simulated robot, so that the joints follow the setpoints.
+
+    The simulated robot has no noise, no errors and no pose sensor.
+    """
+
+    def __init__(
+        self,
+        stretch: Stretch,
+        description: str,
+        other: RobotDescription,
+        *,
+        plant: str = "kinematic",
+    ) -> None:
+        """Load the controller and a simulated robot, both with description `other`.
+
+        Raises:
+            TwinError: As `WhatIf`.
+        """
+        super().__init__(stretch, description, other)
+        self._simulated = SimRobot(other, pose=self._start_pose, plant=plant)
+
+    def _sense(self, call: PosesCall) -> None:
+        """Ignore recorded poses, because the simulated robot is elsewhere."""
+
+    def _run(self, call: Call) -> None:
+        if not isinstance(call, PosesCall):
+            super()._run(call)
+        if isinstance(call, StepCall):
+            self._simulated.write(self.controller.setpoint, call.now_s)
+
+    def _inputs(self, call: StepCall) -> tuple[Array | None, Reason | None, float | None]:
+        battery_v = self._simulated.hardware().get("battery_v")
+        known_v = battery_v if isinstance(battery_v, float) else None
+        return self._simulated.read(call.now_s), None, known_v
 
 
 def _free(stretch: Stretch, description: str) -> tuple[Stretch, SE2 | SO3 | None]:

@@ -271,6 +271,7 @@ class RobotDescription(Table, frozen=True, kw_only=True):
     not_drawn: ClassVar[frozenset[str]] = frozenset((
         "title", "package", "sources", "assumptions", "limits", "battery", "pose_sensor",
         "calibration", "noise", "errors", "floor", "gyro", "motor", "sensor_tables",
+        "wheel_sensor",
     ))  # fmt: skip
     """Names of the fields that no model depends on."""
 
@@ -289,7 +290,7 @@ class RobotDescription(Table, frozen=True, kw_only=True):
 
     @property
     def own_sensors(self) -> tuple[MountedSensor, ...]:
-        """Sensors with a table of their own, such as `[gyro]`."""
+        """Sensors with a separate table, such as `[gyro]`."""
         return ()
 
     @property

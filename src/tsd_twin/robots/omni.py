@@ -156,7 +156,7 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
 
     @property
     def own_sensors(self) -> tuple[MountedSensor, ...]:
-        """Tracking wheels, which have a gyro of their own, or the gyro."""
+        """Tracking wheels with their gyro, or the gyro alone."""
         if self.dead_wheels is not None:
             return ((DEAD_WHEELS, self.dead_wheels),)
         return () if self.gyro is None else ((GYRO, self.gyro),)

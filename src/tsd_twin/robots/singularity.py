@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from typing import Annotated, ClassVar, Self, TypeAlias
+from typing import Annotated, ClassVar, Literal, Self, TypeAlias
 
 import msgspec
 import numpy as np
@@ -156,9 +156,11 @@ class Servo(Table, frozen=True):
     approach_rate_per_s: Positive
     """Rate of the exponential decay of the error close to the goal."""
     stall_torque_nm: Positive = 6.0
-    """Stall torque at nominal battery voltage; defaults to an MX-64."""
+    """Stall torque at nominal battery voltage, for the gimbal stiffness; defaults to an MX-64."""
     size_m: tuple[Positive, Positive, Positive] = (0.0402, 0.0611, 0.041)
     """Width, length and depth along the shaft of the case; defaults to an MX-64."""
+    joint_rounding: bool = False
+    """Whether the controller rounds the goals of all servos together, nearest to the twist."""
 
 
 class Motor(Table, frozen=True):
@@ -179,8 +181,43 @@ class Motor(Table, frozen=True):
     """Time at zero throttle that the speed controllers need before they arm."""
 
 
+MAX_PULSES_PER_S = 1000.0
+"""Maximum pulse rate of a wheel sensor at the controller board."""
+
+
+class WheelSensor(Table, frozen=True):
+    """`[wheel_sensor]`: speed sensors of the wheels, at the controller board.
+
+    Each sends pulses on one wire: a Hall sensor at the wheel or motor, or one phase of the motor.
+    With `telemetry`, each speed controller (KISS, BLHeli_32) sends the speed to an RP2040 board.
+    """
+
+    kind: Literal["hall", "telemetry"] = "hall"
+    pulses_per_turn: Annotated[int, Meta(ge=1, le=255)] | UnsetType = UNSET
+    """Pulses per turn of the wheel: magnets, or pole pairs of the motor. For `hall` only."""
+    pole_pairs: Annotated[int, Meta(ge=1, le=255)] | UnsetType = UNSET
+    """Pole pairs of the motor, whose electrical speed is sent. For `telemetry` only."""
+
+    def __post_init__(self) -> None:
+        """Check that the number belongs to the kind.
+
+        Raises:
+            ValueError: If it does not.
+        """
+        given = not isinstance(self.pulses_per_turn, UnsetType)
+        pairs = not isinstance(self.pole_pairs, UnsetType)
+        if (given, pairs) != (self.kind == "hall", self.kind == "telemetry"):
+            raise ValueError("kind 'hall' needs pulses_per_turn, kind 'telemetry' pole_pairs")
+
+    @property
+    def per_turn(self) -> int:
+        """Pulses per turn, or pole pairs."""
+        number = self.pole_pairs if self.kind == "telemetry" else self.pulses_per_turn
+        return 1 if isinstance(number, UnsetType) else number
+
+
 class Mass(Table, frozen=True):
-    """`[mass]`: for the dynamics and the URDF."""
+    """`[mass]`: for the covariance on a floor, gimbal deflection, the dynamics and the URDF."""
 
     total_kg: Positive
     wheel_kg: Positive
@@ -203,7 +240,7 @@ _MAX_OFFSET_DEG = 10.0
 
 
 class Calibration(Table, frozen=True):
-    """`[calibration]`: results of `tsd-lab calibrate` and `tsd-lab zero` for one robot."""
+    """`[calibration]`: results of `tsd-lab calibrate`, `turn` and `zero` for one robot."""
 
     tilt_offset_deg: list[tuple[float, float]] = msgspec.field(
         default_factory=list[tuple[float, float]]
@@ -219,6 +256,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
     drive: SingularityGeometry
     servo: Servo
     motor: Motor
+    wheel_sensor: WheelSensor | None = None
     mass: Mass
     noise: Noise = Noise()
     gyro: Gyro | None = None
@@ -226,7 +264,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
     floor: Floor = Floor()
     errors: ModelErrors = ModelErrors()
     measures_spin: ClassVar[bool] = False
-    """The thesis robot does not measure wheel speeds."""
+    """Wheel speeds may be unmeasured, also with `wheel_sensor` until the sensors send pulses."""
 
     @property
     def arming_hold_s(self) -> float:
@@ -459,6 +497,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         )
         yield from self._calibration_problems()
         yield from self._motor_problems()
+        yield from self._wheel_sensor_problems()
 
     def _layout_problems(self) -> Iterator[Problem]:
         drive = self.drive
@@ -501,6 +540,21 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
             yield (
                 f"drive.max_speed_rpm is {most_rpm:g}",
                 f"drive.cruise_speed_rpm, {cruise_rpm:g}, or more",
+            )
+
+    def _wheel_sensor_problems(self) -> Iterator[Problem]:
+        if self.wheel_sensor is None or self.wheel_sensor.kind != "hall":
+            return
+        rpm = max(speed for column in self.motor.speed_rpm for speed in column)
+        if self.drive.max_speed_rpm is not None:
+            rpm = min(rpm, self.drive.max_speed_rpm * max(self.drive.spin_ratio, default=1.0))
+        per_turn = self.wheel_sensor.per_turn
+        if per_turn * rpm / 60.0 > MAX_PULSES_PER_S:
+            yield (
+                f"wheel_sensor.pulses_per_turn is {per_turn}, {per_turn * rpm / 60.0:.0f} pulses "
+                f"per second at {rpm:.0f} rpm",
+                f"at most {MAX_PULSES_PER_S:.0f} per second: fewer magnets, or a lower "
+                "drive.max_speed_rpm",
             )
 
     def _curve_problems(self, i: int, column: list[float]) -> Iterator[Problem]:

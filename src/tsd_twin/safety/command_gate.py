@@ -6,9 +6,10 @@ import math
 from collections import OrderedDict
 
 from tsd_twin.messages.codes import Code, Reason, because
-from tsd_twin.messages.commands import Command, Sample, decode_command
+from tsd_twin.messages.commands import Command, decode_command
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.status import DropCounts
+from tsd_twin.messages.topics import Sample
 from tsd_twin.safety.lease import Lease
 
 _REMEMBERED = 256

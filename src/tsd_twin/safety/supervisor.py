@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsd_twin.messages.codes import Code, Reason, because
-from tsd_twin.messages.commands import Command, Sample
+from tsd_twin.messages.commands import Command
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.modes import ARMED, LATCHED, Mode
@@ -16,6 +16,7 @@ from tsd_twin.messages.names import OperatorNames
 from tsd_twin.messages.sentences import sentence
 from tsd_twin.messages.services import LeaseReply, LeaseRequest, Reply, StopRequest
 from tsd_twin.messages.status import ArmingStatus
+from tsd_twin.messages.topics import Sample
 from tsd_twin.robots import RobotDescription
 from tsd_twin.safety.command_gate import CommandGate
 from tsd_twin.safety.lease import Lease, LeaseEvents, LeaseHandover, LeaseManager, is_held_by

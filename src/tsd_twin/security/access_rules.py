@@ -297,7 +297,7 @@ def client_settings(base: Mapping[str, Any], name: str) -> dict[str, Any]:
 def endpoint(host: str, server: Mapping[str, Any], name: str = ROBOT) -> str:
     """Return the endpoint for clients of a robot or router with these settings at `host`.
 
-    `name` is that of its configuration file.
+    `name` is the name of its configuration file.
 
     Raises:
         TwinError: If the first listening endpoint is missing or has no port.

@@ -22,8 +22,9 @@ import msgspec
 
 from tsd_twin.errors import TwinError, needs_extra
 from tsd_twin.security.access_rules import AUTHORITY, ROUTER
-from tsd_twin.security.certificates import Certificate, KeyFolder
+from tsd_twin.security.certificates import Certificate
 from tsd_twin.security.enrolment import LARGEST_BYTES, EnrolmentError, Refusal
+from tsd_twin.security.key_folder import KeyFolder
 from tsd_twin.security.rate_limits import subscriber_network
 
 with needs_extra("A certificate authority", "tls"):

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 import msgspec
 
 from tsd_twin.messages.codes import Code, Reason, because
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.services import LeaseReply, LeaseRequest, decode_request
 from tsd_twin.messages.signatures import (
@@ -26,7 +25,7 @@ from tsd_twin.messages.signatures import (
     request_content,
     split_signature,
 )
-from tsd_twin.messages.topics import Service
+from tsd_twin.messages.topics import Sample, Service
 from tsd_twin.security.operator_list import OperatorList
 from tsd_twin.security.signing_keys import exchange, verify
 

@@ -13,10 +13,8 @@ from tsd_twin.security.authority_client import AuthorityClient, NoReplyError
 from tsd_twin.security.certificates import (
     Certificate,
     Key,
-    KeyFolder,
     certificate_pem,
     identity_of,
-    key_pem,
     new_key,
     read_key,
     replace_file,
@@ -32,8 +30,10 @@ from tsd_twin.security.enrolment import (
     signing_request,
     unseal,
 )
+from tsd_twin.security.key_folder import KeyFolder
 from tsd_twin.security.operator_list import OPERATORS
 from tsd_twin.security.router_keys import robot_identity
+from tsd_twin.security.signing_keys import key_pem
 
 with needs_extra("Joining a router", "tls"):
     from cryptography import x509

@@ -9,7 +9,8 @@ import msgspec
 
 from tsd_twin.errors import TwinError
 from tsd_twin.security.access_rules import Role
-from tsd_twin.security.certificates import KeyFolder, create_file, replace_file
+from tsd_twin.security.certificates import create_file, replace_file
+from tsd_twin.security.key_folder import KeyFolder
 from tsd_twin.security.operator_list import (
     OPERATORS,
     ListedOperator,
@@ -20,10 +21,10 @@ from tsd_twin.security.operator_list import (
 from tsd_twin.security.router_rules import EVERY_ROBOT, RobotRights
 from tsd_twin.security.signing_keys import (
     SIGNING_SUFFIX,
+    key_pem,
     new_signing_key,
     public_bytes,
     read_signing_key,
-    signing_key_pem,
 )
 
 
@@ -62,7 +63,7 @@ def provision_operators(
         before = old.operators.get(person.name)
         keys = before.keys if before else ()
         if not before and not key_file.exists():
-            create_file(key_file, signing_key_pem(new_signing_key()))
+            create_file(key_file, key_pem(new_signing_key()))
             folder.made.append(key_file)
         if key_file.exists():
             key = public_bytes(read_signing_key(key_file)).hex()

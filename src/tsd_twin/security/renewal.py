@@ -20,7 +20,6 @@ from tsd_twin.security.authority_server import Answer, Request
 from tsd_twin.security.certificates import (
     Certificate,
     CertificateAuthority,
-    KeyFolder,
     certificate_pem,
     hosts_of,
     identity_of,
@@ -28,6 +27,7 @@ from tsd_twin.security.certificates import (
     replace_file,
 )
 from tsd_twin.security.enrolment import EnrolmentError, Refusal
+from tsd_twin.security.key_folder import KeyFolder
 from tsd_twin.security.operator_list import OPERATORS, decode_list
 
 with needs_extra("Renewal of a certificate", "tls"):

@@ -9,10 +9,9 @@ import msgspec
 
 from tsd_twin.errors import TwinError
 from tsd_twin.messages.codes import Code, Reason, because
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.services import LeaseReply, Reply, encode_refusal
-from tsd_twin.messages.topics import Service
+from tsd_twin.messages.topics import Sample, Service
 from tsd_twin.security.command_authority import CommandAuthority
 from tsd_twin.security.operator_list import OperatorFile
 

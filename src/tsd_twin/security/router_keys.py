@@ -24,15 +24,13 @@ from tsd_twin.security.access_rules import (
 )
 from tsd_twin.security.certificates import (
     CertificateAuthority,
-    KeyFolder,
     PublicKey,
     certificate_pem,
-    check_days,
     checked_host,
-    issue,
     replace_file,
 )
 from tsd_twin.security.enrolment import Joined
+from tsd_twin.security.key_folder import KeyFolder, check_days, issue
 from tsd_twin.security.operator_list import OPERATORS
 from tsd_twin.security.router_rules import (
     EVERY_ROBOT,
@@ -202,7 +200,7 @@ def _checked_rights(
     """Return the rights of people with a certificate.
 
     Raises:
-        TwinError: If somebody has none, or a robot is unknown.
+        TwinError: If an operator has no key, or a robot is unknown.
     """
     kept: dict[str, RobotRights] = {}
     for person in people:

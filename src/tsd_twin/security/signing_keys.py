@@ -14,6 +14,7 @@ with needs_extra("A signing key", "tls"):
         Ed25519PrivateKey,
         Ed25519PublicKey,
     )
+    from cryptography.hazmat.primitives.asymmetric.types import PrivateKeyTypes
     from cryptography.hazmat.primitives.asymmetric.x25519 import (
         X25519PrivateKey,
         X25519PublicKey,
@@ -29,8 +30,8 @@ def new_signing_key() -> SigningKey:
     return Ed25519PrivateKey.generate()
 
 
-def signing_key_pem(key: SigningKey) -> bytes:
-    """Encode a signing key as PKCS #8 without a passphrase."""
+def key_pem(key: PrivateKeyTypes) -> bytes:
+    """Encode a private key of any kind as PKCS #8 without a passphrase."""
     return key.private_bytes(
         serialization.Encoding.PEM,
         serialization.PrivateFormat.PKCS8,

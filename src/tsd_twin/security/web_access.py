@@ -50,7 +50,7 @@ def origin_refusal(
 
 
 def host_of_origin(origin: str) -> str | None:
-    """Return the host of an origin, with its port, or None if it is not a web origin."""
+    """Return the host of an origin, with its port; None for anything but a web origin."""
     parts = _ORIGIN.fullmatch(_lower(origin))
     return None if parts is None else parts["host"]
 

@@ -32,7 +32,7 @@ def find(kind: str) -> tuple[Sensor[Any], type[SensorTable]]:
     `tsd_twin.sensors.<kind>` has precedence over entry points.
 
     Raises:
-        KindError: If no module or package has it.
+        KindError: If no module or package provides it.
     """
     if not kind.isidentifier() or kind not in kinds():
         raise KindError(f"there is no sensor '{kind}' (sensors are {', '.join(kinds()) or 'none'})")

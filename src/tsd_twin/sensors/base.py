@@ -1,6 +1,6 @@
 """Protocols of a sensor: table, simulation, measurement model, biases and telemetry channels.
 
-A module of this package has all of one sensor in `SENSOR`; `docs/add_a_sensor.md` shows how.
+Each module of this package defines a complete sensor in `SENSOR`; see `docs/add_a_sensor.md`.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Prediction(NamedTuple):
     bias_jacobian: Array
     """(c, b): with respect to the biases, in their units."""
     covariance: Array
-    """(c, c): covariance of the noise of one reading."""
+    """(c, c): noise covariance of a reading."""
 
 
 class SensorModel(Protocol):

@@ -1,4 +1,4 @@
-"""Sequential fault tests of a shadow twin: slow servos, slow wheels, low battery."""
+"""Sequential fault tests of a shadow twin: slow servos and a low battery."""
 
 from __future__ import annotations
 
@@ -9,35 +9,33 @@ import numpy as np
 import numpy.typing as npt
 
 from tsd_twin.lie import Array
+from tsd_twin.messages.codes import Code, Reason, because
+from tsd_twin.messages.sentences import full_sentence
 from tsd_twin.robots import RobotDescription
 
 SLOW_SERVO = 0.30
 """Fractional speed loss of a servo that is tested for. Less than half of it is never reported."""
-SLOW_WHEEL = 0.05
-"""The same for a wheel; less than half of it is never reported."""
 LOW_BATTERY = 0.05
 """The same for the battery, as a fraction of the nominal voltage."""
-_EVIDENCE, _SERVO_EVIDENCE, _WHEEL_EVIDENCE = 12.0, 16.0, 10.0
-"""Log-likelihood ratio at which a battery, servo and wheel fault is reported. If the noise is as
-modelled, the mean time to a false alarm exceeds exp(10) blocks of 0.5 s, three hours, per test
-(Lorden 1971). Healthy robots reach 6.5 on wheels, and 13 on servos at full stick, whose errors are
-correlated for some seconds."""
+_EVIDENCE, _SERVO_EVIDENCE = 12.0, 16.0
+"""Log-likelihood ratio at which a battery and a servo fault is reported. Healthy robots reach 13 on
+servos at full stick, whose errors are correlated for some seconds."""
 _SUSPICION = 2.0
 """Evidence above which a test stops adapting to the robot, because it would learn the fault."""
-_MARGIN = 3.0
-"""Lead in evidence that a wheel needs over the others to be reported alone."""
-_MARGIN_FRACTION = 0.25
-"""The same, relative to its evidence, because wheels and floor are more complex than their
-model."""
 
 
 class Drift(msgspec.Struct, frozen=True):
     """A part that differs from its description or from its earlier behaviour."""
 
     part: str
-    """Comma-separated joints, `wheels` for all wheels, or `battery`."""
-    text: str
-    """One sentence."""
+    """Joint, `wheels` for all wheels, `battery`, or "" if the part is not known."""
+    why: Reason
+    """Code and parameters of the difference."""
+
+    @property
+    def text(self) -> str:
+        """The difference as an English sentence."""
+        return full_sentence(self.why)
 
 
 class JointComparison(msgspec.Struct, frozen=True):
@@ -72,19 +70,8 @@ class ShadowReport(msgspec.Struct, frozen=True):
     pose: PoseComparison | None = None
     """Null during the first second of comparison."""
     drifts: tuple[Drift, ...] = ()
-    note: str = ""
-    """Reason why some test is not possible, or ""."""
-
-
-def _readable(joint: str) -> str:
-    """Format `module2_alpha` as `module 2 alpha`."""
-    head, _, part = joint.partition("_")
-    name = head.rstrip("0123456789")
-    return " ".join(filter(None, [name, head[len(name) :], part]))
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.0f} %"
+    note: Reason | None = None
+    """Reason why some test is not possible."""
 
 
 class _Cusum:
@@ -252,117 +239,10 @@ class ServoTest:
         found: list[Drift] = []
         for i in np.flatnonzero(self._cusum.named):
             share = SLOW_SERVO * float(self._size[1, i] / max(self._size[0, i], 1e-12))
-            text = f"The servo of {_readable(self._names[i])} follows {_percent(share)} slower."
-            found.append(Drift(self._names[i], text))
+            name = self._names[i]
+            why = because(Code.SERVO_SLOWER, joint=name, percent=100.0 * share)
+            found.append(Drift(name, why))
         return found
-
-
-_TESTED_LOSS = 0.6 * SLOW_WHEEL
-"""Tested loss: the floor and the other wheels drag a slow wheel along, which hides up to half of
-its motor's loss."""
-_SIZES = (0.6, 2.0)
-"""Range of possible losses, relative to the tested one."""
-_MIN_UNLEARNED, _MIN_UNLEARNED_EARLY = 0.1, 0.5
-"""Fraction of a fault's strength that the filter has not yet absorbed, below which its test
-restarts: with suspicion, and without."""
-
-
-class WheelTest:
-    """Tests for wheels that have lost speed, from wheel speeds or from the robot's motion.
-
-    A Kalman filter estimates each wheel's loss and nuisance parameters, with the described standard
-    deviations as prior. A fault is a step in the losses. A filter with such a step would differ
-    only in its state, by the part not yet learned. Evidence therefore comes from innovations, and
-    the part of a fault that the filter learns is subtracted from the fault.
-    """
-
-    def __init__(
-        self, robot: RobotDescription, names: list[str], nuisances: Array | None = None
-    ) -> None:
-        """`nuisances` (n,) are the standard deviations of the nuisance parameters."""
-        self._names = names
-        errors = robot.joint_errors()
-        count = len(names)
-        own, common = max(errors.speed_scale_sigma, 0.002), errors.common_mode_sigma
-        sizes = np.zeros(0) if nuisances is None else nuisances
-        self.prior: Array = own**2 * np.eye(count) + common**2
-        """(k, k): covariance of the losses of healthy wheels."""
-        self._first2 = np.concatenate([np.diag(self.prior), sizes**2])
-        self._state: Array = np.zeros(count + len(sizes))
-        self._covariance = np.diag(self._first2)
-        self._covariance[:count, :count] = self.prior
-        self._faults = np.zeros((len(self._state), count + 1))
-        self._faults[:count] = _TESTED_LOSS * np.column_stack([np.eye(count), np.ones(count)])
-        self._unlearned = self._faults.copy()
-        self._cusum = _Cusum(count + 1, _WHEEL_EVIDENCE)
-        self._size = np.zeros((2, count + 1))
-        self._before = np.zeros(count + 1)
-
-    def keep(self, shares: Array, dt_s: float) -> None:
-        """Advance by `dt_s`; `shares` (n,) are the correlations of the nuisances with the past."""
-        count = len(self._names)
-        self._state[count:] *= shares
-        self._unlearned[count:] *= shares[:, None]
-        self._covariance[count:] *= shares[:, None]
-        self._covariance[:, count:] *= shares
-        added = np.full(len(self._state), 2e-4**2 * dt_s)
-        added[count:] = (1.0 - shares**2) * self._first2[count:]
-        self._covariance += np.diag(added)
-
-    def add(self, error: Array, rows: Array, noise: Array) -> None:
-        """Add a difference (d,) with Jacobian `rows` (d, k + n) and noise covariance (d, d)."""
-        innovation = error - rows @ self._state
-        crossed = rows @ self._covariance
-        innovation_cov = crossed @ rows.T + noise
-        shown = rows @ self._unlearned
-        weighed = np.linalg.solve(innovation_cov, shown).T
-        strength = np.einsum("fd,df->f", weighed, shown)
-        match = weighed @ innovation
-        if len(error) == 1:
-            strength[-1] = match[-1] = 0.0  # A turn rate cannot distinguish one wheel from all.
-        was_named = self._cusum.named.any()
-        self._cusum.add(np.clip(match - 0.5 * strength, -3.0, _MAX_RATIO))
-        self._size = np.where(self._cusum.sums > 0.0, self._size + np.array([strength, match]), 0.0)
-        if was_named:
-            return  # Do not learn it, so that a repair withdraws the report.
-        gain = np.linalg.solve(innovation_cov, crossed).T
-        self._state = self._state + gain @ innovation
-        self._unlearned = self._unlearned - gain @ shown
-        self._covariance = self._covariance - gain @ crossed
-        new = rows @ self._faults
-        most = np.einsum("df,df->f", np.linalg.solve(innovation_cov, new), new)
-        sums = self._cusum.sums
-        least = np.where(sums < _SUSPICION, _MIN_UNLEARNED_EARLY, _MIN_UNLEARNED) * most
-        begins = ~self._cusum.named & ((sums <= 0.0) | (strength < least))
-        self._cusum.sums = np.where(begins, 0.0, sums)
-        self._size = np.where(begins, 0.0, self._size)
-        self._unlearned = np.where(begins, self._faults, self._unlearned)
-        lost = self._state[: len(self._names)]
-        self._before = np.where(begins, np.append(lost, lost.mean()), self._before)
-
-    def drifts(self) -> list[Drift]:
-        """Return the wheels that have lost speed."""
-        every, named = len(self._names), self._cusum.named
-        if not named.any():
-            return []
-        strength, match = self._size
-        sizes = np.clip(match / np.maximum(strength, 1e-12), *_SIZES)
-        ratios = sizes * (match - 0.5 * sizes * strength)
-        ratios = np.where(self._cusum.sums > 0.0, ratios, -math.inf)
-        best = int(np.where(named, ratios, -math.inf).argmax())
-        share = _TESTED_LOSS * sizes + self._before
-        margin = max(_MARGIN, _MARGIN_FRACTION * ratios[best])
-        alike = np.flatnonzero(ratios[:every] > ratios[best] - margin)
-        if not len(alike):
-            percent = _percent(float(share[every]))
-            return [Drift("wheels", f"All wheels turn {percent} slower than their set-points.")]
-        percent = _percent(float(share[alike].max()))
-        said = " or ".join(_readable(self._names[i].removesuffix("_wheel")) for i in alike)
-        # Joints such as `wheel3` have the word in their names.
-        is_named = any(self._names[i].startswith("wheel") for i in alike)
-        said = said[0].upper() + said[1:] if is_named else f"The wheel of {said}"
-        text = f"{said} turns {percent} slower than its set-point."
-        return [Drift(",".join(self._names[i] for i in alike), text)]
 
 
 _BATTERY_SHARE = 0.03
@@ -396,8 +276,6 @@ class BatteryTest:
         """Return the battery if its voltage is low."""
         if not self._cusum.named[0]:
             return []
-        volts, nominal = self.share * self._nominal_v, self._nominal_v
-        was = nominal * (1.0 + self._start)
-        before = f"{was - volts:.1f} V less than at the start" if was - volts >= 0.05 else ""
-        below = f"{nominal - volts:.1f} V below its nominal {nominal:g} V"
-        return [Drift("battery", f"The battery has {volts:.1f} V, {before or below}.")]
+        volts = self.share * self._nominal_v
+        was = self._nominal_v * max(1.0, 1.0 + self._start)
+        return [Drift("battery", because(Code.BATTERY_LOWER, volts=volts, lost=was - volts))]

@@ -16,7 +16,7 @@ from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import RPM, SingularityDescription
 from tsd_twin.robots.description import GRAVITY_MPS2, BuildErrors, Floor
 from tsd_twin.simulation.actuators import SimulationOptions
-from tsd_twin.simulation.singularity import Actuation, BuiltLayout
+from tsd_twin.simulation.gimbal_actuation import Actuation, BuiltLayout
 
 
 def load_mujoco() -> Any:

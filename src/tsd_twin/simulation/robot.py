@@ -192,8 +192,8 @@ class BoardModel:
         self._simulated.close()
 
     def _check_watchdog(self, now_s: float) -> None:
-        spins = bool(self._obeyed[self._wheels].any())
-        if spins and not self.tripped and now_s - self._fed_s > TIMEOUT_S:
+        is_late = now_s - self._fed_s > TIMEOUT_S  # First, because it is rarely so.
+        if is_late and not self.tripped and self._obeyed[self._wheels].any():
             self.tripped = True
             self._obeyed = self._rest
             self._simulated.write(self._rest, self._fed_s + TIMEOUT_S)

@@ -1,4 +1,4 @@
-"""Age of messages from ROS errs only towards old, and one publisher has the turn."""
+"""Message age from ROS is never underestimated, and one publisher at a time is accepted."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from tsd_twin.adapters.ros.arrivals import (
 
 A, B = b"a" * 16, b"b" * 16
 CLOCK_S = 1.7e9
-"""Clock of the publisher when ours shows zero."""
+"""Publisher clock when this clock shows zero."""
 PERIOD_S = 0.05
 LINK_JITTER_S = 0.01
 RUNS = 400
@@ -39,7 +39,7 @@ def origin(sequence: int, sent_s: float, publisher: bytes = A) -> Origin:
 
 
 def counts(arrival: Arrival | None, now_s: float) -> bool:
-    """Whether a twist other than zero may move the robot."""
+    """Return whether a non-zero twist may move the robot."""
     return (
         arrival is not None and not arrival.unproven and now_s - arrival.sent_after_s <= MAX_AGE_S
     )
@@ -47,7 +47,7 @@ def counts(arrival: Arrival | None, now_s: float) -> bool:
 
 @dataclass
 class Stream:
-    """Publisher with a link, as the adapter meets it."""
+    """A publisher with a link, as seen by the adapter."""
 
     arrivals: PublisherTracker
     sequence: int = 0
@@ -59,20 +59,20 @@ class Stream:
         return arrival
 
     def drive(self, start_s: float, end_s: float, delay_s: float = 0.0) -> list[bool]:
-        """Send at a steady rate; return which messages count."""
+        """Send at a steady rate; return which messages are accepted."""
         times_s = np.arange(start_s, end_s, PERIOD_S) + delay_s
         return [counts(self.send(at_s - delay_s, at_s), at_s) for at_s in times_s]
 
 
 def known(delay_s: float = 0.0) -> Stream:
-    """Stream whose clock has become known, up to time 0."""
+    """A stream with an estimated clock offset, ending at time 0."""
     stream = Stream(PublisherTracker())
     assert stream.drive(-2.0 * STEADY_S, 0.0, delay_s)[-1]
     return stream
 
 
 def drained(backlog_s: float, rate: float) -> Iterator[tuple[float, float]]:
-    """Times of sending and of arrival after a stall that ends at 0."""
+    """Send and arrival times after a stall that ends at 0."""
     for sent_s in np.arange(-backlog_s, 0.0, PERIOD_S):
         yield sent_s, (sent_s + backlog_s) / rate
 
@@ -161,16 +161,16 @@ def test_echoes_of_long_ago_are_not_kept() -> None:
 
 
 def journey(rng: np.random.Generator) -> Iterator[tuple[float, float, float]]:
-    """Yield times of sending, of arrival and on the publisher's clock, with faults at random.
+    """Yield send times, arrival times and publisher clock, with random faults.
 
-    The link has a constant delay, which belongs to the time of sending here: no age can show it.
+    The link has a constant delay, counted into the send time, because no age estimate can see it.
     """
     period_s = rng.choice([0.01, 0.02, 0.05, 0.1, 0.2])
     stalls = np.sort(rng.uniform(0.0, 15.0, rng.integers(0, 4)))
     if rng.random() < 0.3:
-        stalls = np.array([0.0, *stalls])  # It begins with one.
+        stalls = np.array([0.0, *stalls])  # Begins with a stall.
     lengths = rng.uniform(0.2, 5.0, len(stalls))
-    # Clocks are set now and then, also by about the length of a stall as it begins.
+    # The publisher's clock jumps at times, also by about the length of a stall at its start.
     sizes = np.where(
         rng.random(len(stalls)) < 0.5, lengths + rng.uniform(-0.1, 0.1, len(stalls)),
         rng.uniform(-4.0, 4.0, len(stalls)),
@@ -195,7 +195,7 @@ def journey(rng: np.random.Generator) -> Iterator[tuple[float, float, float]]:
 
 
 def oldest_counted_s(seed: int) -> float:
-    """Greatest age of a twist that counts, in a run with faults at random."""
+    """Maximum age of an accepted twist in a run with random faults."""
     rng = np.random.default_rng(seed)
     stream, oldest_s = Stream(PublisherTracker()), 0.0
     for sent_s, arrived_s, clock_s in journey(rng):

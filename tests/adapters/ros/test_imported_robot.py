@@ -1,4 +1,4 @@
-"""Third-party robot in virtual time: the age of its odometry, and its `cmd_vel`."""
+"""An external ROS robot in virtual time: age of its odometry, and its `cmd_vel`."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PERIOD_S = 0.01
 
 
 class Outbox:
-    """Port whose messages stay here."""
+    """Port that stores its messages."""
 
     def __init__(self) -> None:
         self.sent: list[float] = []
@@ -54,7 +54,7 @@ class Outbox:
 
 
 class Cart:
-    """Imported robot on a clock that moves only when told."""
+    """External robot with a manually advanced clock."""
 
     def __init__(self, port: Outbox) -> None:
         self.now_s = 100.0
@@ -71,7 +71,7 @@ class Cart:
         self.robot.configure(robot)
 
     def say(self, number: int, late_s: float = 0.0, publisher: bytes = b"a") -> None:
-        """Deliver odometry now that was sent some time ago, by a clock with the same rate."""
+        """Deliver odometry that was sent some time ago, by a clock with the same rate."""
         square = np.zeros((3, 3))
         x = np.array([float(number), 0.0, 0.0])
         payload = encode_odometry(Odometry(x, np.zeros(3), square, square))

@@ -1,4 +1,4 @@
-"""The server of mesh files writes nothing on the terminal when a client goes away."""
+"""The mesh server prints nothing when a client disconnects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Messages from ROS wait in bounded queues, one for each topic."""
+"""Messages from ROS wait in bounded per-topic queues."""
 
 from __future__ import annotations
 

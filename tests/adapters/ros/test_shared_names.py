@@ -1,4 +1,4 @@
-"""A ROS name that two robots have is found in the graph."""
+"""A ROS name used by two robots is detected in the graph."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ALONE, LEFT = RosNames("kiwi", shared=False), RosNames("left", shared=True)
 
 @dataclass
 class Graph:
-    """Port that only shows the other nodes of a graph."""
+    """Port that only provides the other nodes of a graph."""
 
     odom: list[str] = field(default_factory=list)
     cmd_vel: list[str] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""Wire format of rmw_zenoh: golden values of its own documents, and an implementation not ours."""
+"""Wire format of rmw_zenoh: values from its documentation, and a third-party implementation."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_keys_are_those_in_the_design_document() -> None:
 
 
 def test_the_hash_of_the_service_is_that_of_ros() -> None:
-    """As in `share/std_srvs/srv/Trigger.json` of ROS 2 Jazzy."""
+    """Hashes from `share/std_srvs/srv/Trigger.json` of ROS 2 Jazzy."""
     assert type_hash(TRIGGER) == (
         "RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f"
     )
@@ -91,7 +91,7 @@ def test_qualities_of_service_are_read_by_another_implementation_as_the_table_sa
 
 
 def test_the_id_of_an_endpoint_is_xxh3_of_its_token_lower_half_first() -> None:
-    # XXH3-128 of nothing is 99aa06d3014798d8 6001c324468d497f.
+    # XXH3-128 of no bytes is 99aa06d3014798d8 6001c324468d497f.
     assert gid_of("").hex() == "7f498d4624c30160d8984701d306aa99"
 
 

@@ -1,4 +1,4 @@
-"""Who may come in, and what becomes of what they have open when they have to go."""
+"""Access to the gateway, and the end of open sessions when access ends."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def served(server: viser.ViserServer) -> Generator[Site]:
 
 @pytest.fixture
 def fresh() -> Generator[Site]:
-    """One where nobody has been wrong yet."""
+    """A site without failed logins so far."""
     with site(auth=AuthMiddleware(AccessSettings(users=users()))) as made:
         yield made
 
@@ -109,7 +109,7 @@ def test_what_is_typed_is_shown_again_as_text_and_no_password_is(fresh: Site) ->
 def test_wrong_passwords_are_slowed_down_with_a_sentence_and_also_for_who_is_right(
     fresh: Site,
 ) -> None:
-    # As shipped, but that a slow machine cannot outwait it.
+    # The shipped limits with longer delays, so that a slow machine cannot wait them out.
     fresh.gateway._auth.logins._limits.addresses = LoginRateLimiter(
         free=5, first_s=500.0, longest_s=900.0
     )
@@ -208,7 +208,7 @@ def test_a_viewer_may_stop_when_it_was_given(fresh: Site) -> None:
 
 
 def test_what_a_viewer_says_to_viser_has_no_effect(server: viser.ViserServer, served: Site) -> None:
-    """Straight to the socket, as no page would: an operator's words as a measure."""
+    """Sent directly to the socket; an operator's messages prove that they would have an effect."""
     ball = server.scene.add_icosphere("/w/r/secret/x", 0.1)
     heard: list[str] = []
 

@@ -1,4 +1,4 @@
-"""No number of connections, and no slow one, keeps out an operator."""
+"""Neither many nor slow connections keep out an operator."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from tests.support.raw_http import (
     request,
     status_of,
 )
-from tests.support.withheld import Stopwatch, budget
+from tests.support.withheld import Stopwatch
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimits
 from tsd_twin.dashboard.gateway.pages import VIEWPORT_PATH
@@ -38,8 +38,6 @@ from tsd_twin.security.web_access import server_tls_context
 
 PAGE = "0123456789abcdef"
 FULL = 503
-GOES = 3
-"""A robot whose machine is busy may stop by itself; that is no effect of connections."""
 
 
 @pytest.fixture
@@ -49,7 +47,7 @@ def fresh() -> Generator[Site]:
 
 
 def limit(served: Site, **changes: float) -> None:
-    """Make limits shorter than those shipped."""
+    """Shorten the shipped limits."""
     limiter = served.gateway._connection_limiter
     limiter._limits = dataclasses.replace(limiter._limits, **changes)
 
@@ -65,15 +63,12 @@ def test_strangers_share_a_few_places_and_are_told_so(fresh: Site) -> None:
 def test_a_thousand_connections_neither_stop_an_operator_nor_keep_one_out(fresh: Site) -> None:
     with fresh.page(PAGE, user="alice", cookie=cookie_of(fresh.port, "alice")) as page:
         page.make_ready()
-        for _ in budget.tries("drive among a thousand connections", GOES):
-            page.drive()
-            with dialled(fresh.port, 1000):
-                bob = cookie_of(fresh.port, "bob")
-                assert ask(fresh.port, "GET", "/healthz", Cookie=bob)[0].status == 200
-                if drives_on := page.mode == "driving":
-                    assert page.answer("stop", t="stop")["ok"]
-                    break
-        assert drives_on
+        page.drive()
+        with dialled(fresh.port, 1000):
+            bob = cookie_of(fresh.port, "bob")
+            assert ask(fresh.port, "GET", "/healthz", Cookie=bob)[0].status == 200
+            assert page.mode == "driving", page.all("released")
+            assert page.answer("stop", t="stop")["ok"]
         assert page.closed is None
 
 
@@ -107,9 +102,9 @@ def test_a_user_has_so_many_connections_and_others_do_not_notice(fresh: Site) ->
     alice = cookie_of(fresh.port, "alice")
     assert ask(fresh.port, "GET", "/healthz", Cookie=alice)[0].status == 200
     opened[0].close()
-    end_s = time.monotonic() + 5.0
+    watch = Stopwatch()
     while ask(fresh.port, "GET", "/healthz", Cookie=guest)[0].status != 200:
-        assert time.monotonic() < end_s
+        assert watch.took_s < 5.0
     for each in opened:
         each.close()
 
@@ -199,17 +194,18 @@ def test_a_browser_that_never_reads_is_cut_off(server: viser.ViserServer) -> Non
         cookie = cookie_of(served.port, "guest")
         with dial(served.port) as connection:
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-            # More than the system itself keeps for a connection.
+            # More than the kernel buffers for a connection.
             page = f"{VIEWPORT_PATH}?parent=http://127.0.0.1:{served.port}"
+            start_s = time.monotonic()
             connection.sendall(20 * request(served.port, "GET", page, f"Cookie: {cookie}"))
             lost = select.poll()
-            lost.register(connection, select.POLLHUP)  # Looks without reading.
-            assert not lost.poll(400)
+            lost.register(connection, select.POLLHUP)  # Poll the socket without reading.
             assert lost.poll(PATIENCE_S * 1000.0)
+            assert time.monotonic() - start_s > 0.4
 
 
 def frame(opcode: int, payload: bytes, *, final: bool = True, rsv1: bool = False) -> bytes:
-    """Return a websocket frame as a client sends it."""
+    """Encode a websocket frame as a client does."""
     first = opcode | (0x80 if final else 0) | (0x40 if rsv1 else 0)
     size = len(payload)
     head = (
@@ -253,6 +249,6 @@ def test_frames_that_no_page_sends_close_the_socket_and_nothing_else(
                 for each in frames:
                     connection.sendall(each)
             except OSError:
-                return  # It is closed already.
+                return  # Already closed.
             closed_after_s([connection])
         assert ask(served.port, "GET", "/healthz", Cookie=cookie)[0].status == 200

@@ -1,4 +1,4 @@
-"""A page that floods is cut off; the others drive and stop as if it were not there."""
+"""A page that floods is disconnected; other pages drive and stop undisturbed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from websockets.frames import Frame, Opcode
 
 from tests.support.logins import cookie_of, users
 from tests.support.page_client import PATIENCE_S, Page, Site, robot_on_a_bus, site
-from tests.support.recorders import CommandRecorder, is_put_to_rest, settle, zeros_at_the_end
+from tests.support.recorders import CommandRecorder, settle, zeros_at_the_end
 from tests.support.withheld import Stopwatch
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
@@ -27,7 +27,7 @@ RELEASES = 5
 TOO_MANY = round((1.0 + GRACE) * TELEOP.messages.burst) + 100
 FLOOD = '{"t":"clear_plan"}'
 STOP_S = 0.5
-"""In one process with ten flooding threads; `make attack` measures it between processes."""
+"""Limit in one process with ten flooding threads; `make attack` measures between processes."""
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,7 @@ def test_a_page_that_floods_is_cut_off_and_stays_out_for_a_while(
 
 
 def test_a_flood_of_fragments_that_never_become_a_message_is_cut_off(guarded: Site) -> None:
-    """Empty ones never get too long, and the limits of messages never see them."""
+    """Empty fragments never exceed the message size, and per-message limits never see them."""
     guest = cookie_of(guarded.port, "guest")
     with guarded.page("00000000000000aa", user="guest", cookie=guest) as page:
         page.until(lambda: page.state)
@@ -113,7 +113,7 @@ def test_while_viewers_flood_an_operator_drives_and_another_stops(guarded: Site)
         try:
             driver.drive(0.1)
             took_s: list[float] = []
-            # The threads that flood also hold up this one, so the fastest of some counts.
+            # The flooding threads also delay this one, so take the fastest attempts.
             while not took_s or (min(took_s) >= STOP_S and len(took_s) < 4):
                 watch = Stopwatch()
                 assert stopper.answer("stop", t="stop")["ok"]
@@ -126,7 +126,7 @@ def test_while_viewers_flood_an_operator_drives_and_another_stops(guarded: Site)
                 thread.join()
 
 
-# A release is never behind a motion, and never lost.
+# A release is never delayed behind a motion, and never lost.
 
 DRIVE = '{"t":"drive","vx":0.5,"vy":0,"omega":0,"status_seq":%d}'
 
@@ -166,7 +166,7 @@ def test_a_zero_is_said_again_until_the_robot_has_counted_it(served: Site) -> No
         page.until(lambda: page.mode == "ready")
         settle(page)
         sent = commands.take()
-        assert is_put_to_rest(sent)
+        assert commands.is_put_to_rest(sent)
         first = next(command for command in sent if not command.twist.any())
         assert page.state["status"]["command"]["seq"] >= first.seq
         settle(page)
@@ -174,7 +174,7 @@ def test_a_zero_is_said_again_until_the_robot_has_counted_it(served: Site) -> No
 
 
 def test_to_a_robot_that_says_nothing_a_zero_is_said_for_half_a_second() -> None:
-    """Its status may be what is lost, or the zero itself."""
+    """The lost message may be the status or the zero itself."""
     with robot_on_a_bus() as endpoint, Bus(client_config([endpoint])) as bus:
         made = Site(bus, 1, None)
         try:
@@ -185,7 +185,7 @@ def test_to_a_robot_that_says_nothing_a_zero_is_said_for_half_a_second() -> None
                 made.deafen()
                 page.let_go()
                 sent, end_s = commands.take(), time.monotonic() + PATIENCE_S
-                # By number, since a gateway without a processor says each of them late.
+                # Count messages, because a starved gateway sends each of them late.
                 while zeros_at_the_end(sent) < 1 + ZERO_REPEATS and time.monotonic() < end_s:
                     time.sleep(0.02)
                     sent += commands.take()
@@ -217,7 +217,7 @@ def test_the_next_motion_ends_the_zeros_of_the_last(served: Site) -> None:
         assert sum(before and not after for before, after in pairwise(moving)) <= RELEASES
 
 
-# Work that a page causes on another thread.
+# Work on another thread, caused by a page.
 
 
 def test_of_the_same_work_no_more_than_one_waits() -> None:

@@ -1,4 +1,4 @@
-"""What the gateway serves, and to whom."""
+"""Routes of the gateway, and access to them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A login is one form, in one encoding; all else is refused in one sentence, and counted."""
+"""Only one form in one encoding logs in; all else is refused with a sentence and counted."""
 
 from __future__ import annotations
 

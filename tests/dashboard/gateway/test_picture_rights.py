@@ -1,4 +1,4 @@
-"""Cameras on a robot are for those who may watch it, those above the floor for who sees all."""
+"""Robot cameras require the right to watch the robot; floor cameras, to watch all."""
 
 from __future__ import annotations
 
@@ -59,5 +59,5 @@ def test_a_camera_that_a_login_may_not_see_is_answered_like_none(
     request = make_mocked_request("GET", f"/pictures?camera={key}")
     principal = cast("Any", SimpleNamespace(rights=rights, key=None))
     answer = web.HTTPBadRequest if NAMES.get(key) in seen else web.HTTPNotFound
-    with pytest.raises(answer):  # The handshake, which is checked last, is missing.
+    with pytest.raises(answer):  # The handshake, checked last, is missing.
         asyncio.run(routes().serve(request, "page", principal))

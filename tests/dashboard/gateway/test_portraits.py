@@ -1,4 +1,4 @@
-"""Portraits are for those who may watch the robot; for others it does not exist."""
+"""Portraits require the right to watch the robot; for other users they do not exist."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which hosts, origins and proxies a request may come from."""
+"""Accepted hosts, origins and proxies of requests."""
 
 from __future__ import annotations
 

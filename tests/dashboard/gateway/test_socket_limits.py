@@ -1,4 +1,4 @@
-"""How much one socket may send: what a page does never comes near, what floods is cut off."""
+"""Rate limits of a socket are far above normal use and cut off a flood."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_no_more_passes_than_the_burst_and_the_rate(
 
 
 def test_a_page_that_does_all_it_can_at_once_passes_for_an_hour() -> None:
-    """A stick at 100 Hz, which is the most a page sends, beats, and plans that it clears."""
+    """Stick commands at the maximum rate of 100 Hz, heartbeats, and cleared plans."""
     limiter = SocketLimiter(TELEOP)
     for tick in range(360_000):
         now_s = 0.01 * tick
@@ -56,7 +56,7 @@ def test_a_page_that_does_all_it_can_at_once_passes_for_an_hour() -> None:
 
 
 def test_what_a_page_said_while_the_network_stood_still_passes() -> None:
-    """It says nothing more after two seconds without an answer."""
+    """The page falls silent after 2 s without a reply, so its backlog is limited."""
     limiter = SocketLimiter(TELEOP)
     for text in [DRIVE] * 200 + [BEAT] * 20:
         assert limiter.decide(text, 5.0) is LimitDecision.PASS
@@ -107,7 +107,7 @@ def test_cameras_and_controls_as_a_browser_sends_them_pass() -> None:
 
 
 def test_a_message_of_a_flood_costs_little() -> None:
-    """Less than the decoding of one; the best of some, for other work on this machine."""
+    """Cheaper than decoding; take the best run, because other processes interfere."""
     limiter = SocketLimiter(TELEOP)
 
     def took_s() -> float:

@@ -1,4 +1,4 @@
-"""viser's page in a frame of a page, in a real browser."""
+"""viser's page in a frame, in a real browser."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ setInterval(() => {
 }, %(tick)s);
 document.body.append(frame);
 """
-"""Script of a page around the frame, in place of the dashboard's."""
+"""Script of the page around the frame, instead of the dashboard's."""
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +81,7 @@ def served(server: viser.ViserServer) -> Generator[Site]:
 
 
 def until(page: Page, condition: Callable[[], Any]) -> None:
-    """Wait for a condition; the policy of the page forbids what Playwright would evaluate in it."""
+    """Wait for a condition without evaluating code in the page, which its policy forbids."""
     end_s = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < end_s
@@ -108,14 +108,14 @@ def keys_from_frame(page: Page) -> list[dict[str, Any]]:
 
 
 def hold(page: Page, frame: Frame, key: str) -> None:
-    """Hold a key while the scene is drawn some times, which would move the camera each time."""
+    """Hold a key over several redraws, each of which would move the camera."""
     page.keyboard.down(key)
     frame.evaluate(DRAWN)
     page.keyboard.up(key)
 
 
 def longest_gap_ms(page: Page, frame: Frame, script: str) -> float:
-    """Return by how much a timer of the page was late at most while a script ran in the frame."""
+    """Return the maximum delay of a timer in the page while a script ran in the frame."""
     page.evaluate("void (gaps.length = 0)")
     frame.evaluate(script)
     page.wait_for_timeout(2 * TICK_MS)
@@ -130,7 +130,7 @@ def test_a_frame_that_stalls_delays_the_page_only_if_both_have_one_origin(
     calm = [longest_gap_ms(page, frame, "new Promise((done) => setTimeout(done, 400))")
             for _ in range(TRIALS)]  # fmt: skip
     stalled = [longest_gap_ms(page, frame, STALL) for _ in range(TRIALS)]
-    # The machine delays both, but not each time.
+    # The machine delays both, but not every time.
     for name, late_ms in (("calm", calm), ("stalled", stalled)):
         print(f"{query} {name}: late by {np.round(sorted(late_ms), 1)} ms")  # noqa: T201
     assert (min(stalled) > STALL_MS / 2) == shares
@@ -148,7 +148,7 @@ def test_keys_reach_the_page_and_none_moves_the_camera(
     (client,) = server.get_clients().values()
     until(page, lambda: np.allclose(client.camera.position, viser_compat.CAMERA_OFFSET_M))
     before = client.camera.position
-    page.mouse.click(200, 150)  # On the scene, after which the page still has the focus.
+    page.mouse.click(200, 150)  # A click on the scene, after which the page still has the focus.
     hold(page, frame, "w")
     page.keyboard.press("Space")
     assert page.evaluate("keys") == ["KeyW", "Space"]

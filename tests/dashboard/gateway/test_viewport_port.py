@@ -1,4 +1,4 @@
-"""The two ports of the dashboard: their routes, origins and headers."""
+"""Both ports of the dashboard: routes, origins and headers."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def guarded(server: viser.ViserServer) -> Generator[Site]:
 
 
 def framed(port: int, parent: str, **headers: str) -> tuple[int, str, str]:
-    """Return status, body and ancestors of viser's page for a frame in a page of `parent`."""
+    """Return status, body and frame ancestors of viser's page in a page of `parent`."""
     path = f"{VIEWPORT_PATH}?parent={quote(parent, safe='')}"
     answer, body = ask(port, "GET", path, **headers)
     return answer.status, body, ancestors(answer.headers["Content-Security-Policy"])
@@ -100,9 +100,9 @@ def test_each_port_answers_its_own_origin_on_its_own_routes_only(
     elif listener == "viewport" and (method, path.partition("?parent")[0]) not in FRAMED:
         assert status == 404
     elif (method, origin) == ("POST", "none"):
-        assert status == 403  # Forms need an origin.
+        assert status == 403  # Forms require an origin.
     else:
-        assert status in (101, 200, 204, 303, 503)  # There is no viser, so its socket gets 503.
+        assert status in (101, 200, 204, 303, 503)  # Without viser, its socket returns 503.
 
 
 def test_a_socket_of_viser_connects_on_both_ports_with_the_same_login(guarded: Site) -> None:
@@ -144,7 +144,7 @@ def test_only_the_page_may_frame_the_page_of_viser(served: Site, listener: str) 
         "'self'",
         "null",
         "http://evil.example",
-        f"http://localhost:{served.port}",  # Another name, which no login cookie reaches.
+        f"http://localhost:{served.port}",  # Another name without login cookie.
         f"http://127.0.0.1:{port}",
         f"http://127.0.0.1:{served.port + 2}",
         f"{main}/",
@@ -156,7 +156,7 @@ def test_only_the_page_may_frame_the_page_of_viser(served: Site, listener: str) 
 
 
 def test_a_name_with_a_default_port_frames_itself(served: Site) -> None:
-    """Behind a proxy or in a browser, the usual port is not part of an origin."""
+    """Behind a proxy or in a browser, the default port is not part of an origin."""
     port = served.gateway.viewport_port
     host = f"robot.example:{port}"
     assert framed(port, "https://robot.example", Host=host)[0] == 200
@@ -254,7 +254,7 @@ LOCAL = AccessSettings()
 
 
 def two_free_ports() -> int:
-    """Return a port that is free, as is the next one."""
+    """Return a free port whose successor is also free."""
     while True:
         with socket.create_server(("127.0.0.1", 0)) as first:
             port = first.getsockname()[1]

@@ -1,4 +1,4 @@
-"""What passes to viser is what viser reads, and no more than the role allows."""
+"""The filter passes only messages that viser reads and the role permits."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_everybody_may_look_around(role: Role) -> None:
 @pytest.mark.parametrize("role", ROLES)
 @pytest.mark.parametrize("kind", [k for k in ALL_KINDS if k != CAMERA["type"]])
 def test_of_all_that_viser_knows_nothing_else_passes(kind: str, role: Role) -> None:
-    with contextlib.suppress(MessageError):  # What no page says ends the connection.
+    with contextlib.suppress(MessageError):  # Messages that no page sends end the connection.
         assert filter_message(msgspec.msgpack.encode({"type": kind, "uuid": "u"}), role) is None
 
 
@@ -60,7 +60,7 @@ def test_a_camera_passes_as_browsers_send_it_or_not_at_all(
 
 
 def flat(camera: dict[str, Any]) -> list[float]:
-    """Return all numbers of a camera, in the order of its fields."""
+    """Return all numbers of a camera, in field order."""
     values: list[Any] = [camera[field] for field in sorted(camera) if field != "type"]
     return [
         number
@@ -140,7 +140,7 @@ def test_a_click_with_one_wrong_field_is_dropped(wrong: dict[str, Any]) -> None:
 
 @given(st.sampled_from(["ViewerCameraMessage", "SceneNodeClickMessage"]), values)
 def test_a_type_that_is_said_twice_is_judged_as_viser_reads_it(first: str, value: Any) -> None:
-    """One map with two keys `type`: who looks at the first one only would be fooled."""
+    """With two `type` keys in one map, a check of the first one would be bypassed."""
     packed = msgspec.msgpack.encode
     for kinds in ((first, "ShareUrlRequest"), ("ShareUrlRequest", first)):
         body = b"".join(packed("type") + packed(kind) for kind in kinds)

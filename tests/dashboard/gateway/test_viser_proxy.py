@@ -1,4 +1,4 @@
-"""viser's socket, through the gateway, to a real viser."""
+"""viser's socket through the gateway to a real viser server."""
 
 from __future__ import annotations
 

@@ -15,8 +15,8 @@ import simplejpeg
 
 from tsd_twin.bus import Bus
 from tsd_twin.dashboard.pictures.feed import HEADER, CameraFeed, PictureSession, Viewer
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.pictures import CameraName, CompressedImage, encode_picture
+from tsd_twin.messages.topics import Sample
 
 CEILING = CameraName("ceiling")
 PIXELS = np.random.default_rng(1).integers(0, 255, (180, 320, 3), dtype=np.uint8)

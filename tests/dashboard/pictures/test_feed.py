@@ -1,4 +1,4 @@
-"""Pictures of a camera reach each page that looks, newest first, and delay nobody else."""
+"""Camera pictures reach each page that shows them, latest first, without delaying others."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from hypothesis import strategies as st
 from tsd_twin.bus import Bus
 from tsd_twin.dashboard.pictures import feed
 from tsd_twin.dashboard.pictures.feed import HEADER, Cameras, ExposureClock, Viewer
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.pictures import (
     GROUND_KEYS,
     CameraName,
@@ -26,6 +25,7 @@ from tsd_twin.messages.pictures import (
     encode_ground,
     encode_picture,
 )
+from tsd_twin.messages.topics import Sample
 
 CEILING = CameraName("ceiling")
 PIXELS = np.tile(np.linspace(0, 255, 640).astype(np.uint8)[None, :, None], (360, 1, 3))
@@ -34,7 +34,7 @@ OUTLINES = json.dumps({"size": [640, 360], "tags": []}).encode()
 
 
 class OneCamera:
-    """Bus with one camera: who subscribes, and pictures that the test publishes."""
+    """Bus with one camera: counts subscribers, and publishes pictures from the test."""
 
     def __init__(self) -> None:
         self.takers: list[Callable[[Sample], None]] = []
@@ -162,7 +162,7 @@ def test_a_page_that_does_not_ask_keeps_nobody_waiting() -> None:
     async def work(camera: OneCamera, cameras: Cameras) -> None:
         (one,) = cameras.feeds.values()
         async with one.watched(), one.watched():
-            Viewer(one)  # Never asks.
+            Viewer(one)  # Never requests pictures.
             viewer = Viewer(one)
             for number in range(1, 30):
                 camera.publish()

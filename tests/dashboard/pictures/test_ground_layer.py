@@ -1,4 +1,4 @@
-"""Pictures of the floor are drawn while a client shows them, and cost nothing otherwise."""
+"""Floor pictures are drawn only while a client shows them."""
 
 from __future__ import annotations
 

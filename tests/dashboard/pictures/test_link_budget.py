@@ -1,4 +1,4 @@
-"""Pictures use at most four fifths of a link, and as much of it as their sizes permit."""
+"""Pictures use at most four fifths of a link, and as much of that as their sizes permit."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from tsd_twin.dashboard.pictures.link_budget import (
     FORMAT_SHARE,
     FORMATS,
+    GOOD_HZ,
     LEAST_HZ,
     SHARE,
     LinkBudget,
@@ -29,14 +30,14 @@ class Sent:
 def watched(bytes_per_s: float, delay_s: float, sockets: int, *, width: int = 1280) -> list[Sent]:
     """Return the pictures of 11 s over a link of constant bandwidth.
 
-    The page loads before, and its measured round trip includes what waits in the link's queue.
+    The page has already loaded, and its measured round trip includes the link's queue.
     """
     budget, sent = LinkBudget(), list[Sent]()
     free_s = [0.0] * sockets
     link_s, now_s = 1.0, 0.0
     flying: list[tuple[float, int, float]] = []
     while now_s < 11.0:
-        now_s += 1.0 / 30.0  # A picture of the camera.
+        now_s += 1.0 / 30.0  # A camera picture.
         for asked_s, size, began_s in [each for each in flying if each[0] <= now_s]:
             queue_s = max(0.0, link_s - now_s)
             budget.add(size, asked_s - began_s, 2.0 * delay_s + queue_s, now_s)
@@ -71,13 +72,13 @@ def test_pictures_leave_a_fifth_of_the_link_to_others(
 
 
 @given(**LINKS)
-def test_a_link_that_carries_a_better_format_at_the_least_rate_gets_it(
+def test_a_link_that_carries_a_better_format_at_a_good_rate_gets_it(
     bytes_per_s: float, delay_s: float, sockets: int
 ) -> None:
     fits = [
         each
         for each in FORMATS
-        if each.bytes_share * OWN_BYTES * LEAST_HZ <= (FORMAT_SHARE - 0.15) * bytes_per_s
+        if each.bytes_share * OWN_BYTES * GOOD_HZ <= (FORMAT_SHARE - 0.15) * bytes_per_s
     ]
     newest = watched(bytes_per_s, delay_s, sockets)[-1]
     assert newest.size >= (fits[0] if fits else FORMATS[-1]).bytes_share * OWN_BYTES - 1.0

@@ -1,4 +1,4 @@
-"""Recordings of users who may use or watch some robots only, over HTTP and on sockets."""
+"""Access to recordings for users limited to some robots, over HTTP and sockets."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CHANGES = (("PUT", "/title", TITLE), ("GET", "/download", None), ("DELETE", "", 
 
 @pytest.fixture
 def users() -> Users:
-    """Of the robot `tsd`: who drives it, who watches it, and who has another robot."""
+    """Users who may drive `tsd`, watch it, or only use another robot."""
     made = Users({})
     own = {
         "driver": RobotRights(use=frozenset({"tsd", "other"})),

@@ -1,4 +1,4 @@
-"""Replays on the bus are not robots: STOP passes them by, and an id shared with one is refused."""
+"""Replays on the bus are not robots: STOP ignores them, and a shared id is refused."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def test_a_driving_robot_stops_once_a_replay_has_its_id(both: TwoBuses, recorded
 
 
 def test_every_robot_with_an_id_has_to_confirm_a_stop(both: TwoBuses) -> None:
-    """A mute instance leaves the stop unconfirmed, whoever else answers."""
+    """A silent instance leaves the stop unconfirmed, even if another one replies."""
     with both.served.page() as page:
         page.until(lambda: shows(page, "tsd", "robot"))
         token = both.other.declare_token(topics.instance_key("tsd", "f" * 16))

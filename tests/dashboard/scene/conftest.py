@@ -1,4 +1,4 @@
-"""A scene with views of its clients, for tests of the views."""
+"""A scene with per-client views, for the tests of views."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def feed(desk: ViewDesk) -> RobotFeed:
 
 @pytest.fixture
 def viewer(desk: ViewDesk, feed: RobotFeed) -> Generator[ViserClient]:
-    del feed  # The robot is there before the client.
+    del feed  # The robot exists before the client connects.
     with desk.opened(PAGE) as client:
         yield client
 

@@ -1,4 +1,4 @@
-"""Cameras of clients: presets, follow and chase, and the robot that is in view."""
+"""Per-client cameras: presets, follow and chase, and selection of the robot in view."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PLACES = {"tsd": (0.0, 0.0), "bob": (1.0, 0.5), "eve": (0.0, -1.0), "zero": (0.0
 
 
 def seen_at(viewer: ViserClient, point: tuple[float, float]) -> Any:
-    """Place (2,) in the picture of a point on the floor of the scene."""
+    """Return the image coordinates (2,) of a floor point of the scene."""
     position = np.array(viewer.camera["SetCameraPositionMessage"]["position"])
     look_at = np.array(viewer.camera["SetCameraLookAtMessage"]["look_at"])
     aspect = CAMERA["image_width"] / CAMERA["image_height"]
@@ -49,7 +49,7 @@ def test_the_selected_robot_keeps_its_place_in_the_scene(
 def test_the_selected_robot_is_in_view_regardless_of_earlier_selections(
     desk: ViewDesk, feed: RobotFeed, viewer: ViserClient, hidden: Sequence[Layer]
 ) -> None:
-    """From each robot to each other one, with two of them in one place, and a hidden layer."""
+    """From each robot to each other one, with two robots in one place and a hidden layer."""
     for name, place in PLACES.items():
         robot = feed if name == feed.id else RobotFeed(name)
         if robot is not feed:
@@ -80,6 +80,27 @@ def test_a_camera_that_was_moved_away_frames_the_next_robot(
     viewer.camera.clear()
     desk.view().select_robot("bob")
     viewer.until(lambda: np.allclose(seen_at(viewer, (0.0, 0.0)), 0.5, atol=0.1))
+
+
+def test_a_scene_counts_as_complete_only_when_its_client_reports_the_placed_camera(
+    desk: ViewDesk,
+) -> None:
+    """A slow browser receives the scene long after it was sent, and is black before."""
+    feed = RobotFeed()
+    desk.scene.add(feed)
+    feed.say(pose=np.zeros(3))
+    desk.scene.draw()
+    with desk.opened(PAGE) as viewer:
+        desk.scene.draw()
+        viewer.until(lambda: len(viewer.camera) >= 2)
+        view = desk.view()
+        assert view.camera_state is None, "sent, and not reported"
+        placed = {
+            key: list(viewer.camera[f"SetCamera{name}Message"][key])
+            for key, name in (("position", "Position"), ("look_at", "LookAt"))
+        }
+        viewer.send(CAMERA | placed)
+        eventually(lambda: view.camera_state is not None)
 
 
 def test_a_new_client_frames_the_robot_in_the_free_part_of_its_page(desk: ViewDesk) -> None:
@@ -126,7 +147,7 @@ def test_a_preset_turns_the_camera_to_the_robot(
     desk.apply(follow=False, camera=side, look=True)
     viewer.until(lambda: viewer.camera["SetCameraLookAtMessage"])
     eye = np.array(viewer.camera["SetCameraPositionMessage"]["position"])
-    # A metre farther than the world.
+    # One metre outside the world.
     np.testing.assert_allclose(seen_at(viewer, (1.0, 0.0)), 0.5, atol=0.1)
     assert eye[2] > 0.2
     if side is not CameraPreset.TOP:  # Behind the robot.
@@ -135,7 +156,7 @@ def test_a_preset_turns_the_camera_to_the_robot(
 
 
 def in_scene(viewer: ViserClient, point: Sequence[float]) -> np.ndarray:
-    """Return the place (2,) in the scene of a point of `odom`."""
+    """Return the scene coordinates (2,) of a point in `odom`."""
     world = viewer.node("/w")
     half = math.atan2(world.wxyz[3], world.wxyz[0])
     return SE2(np.array([*world.position[:2], 2.0 * half])).transform(np.array(point))
@@ -159,23 +180,23 @@ def test_chase_turns_the_world_under_the_robot_and_places_are_picked_in_it(
         ahead = moved.transform(np.array([0.5, 0.0]))
         viewer.until(lambda at=ahead: np.allclose(in_scene(viewer, at), (0.5, 0.0), atol=1e-5))
         np.testing.assert_allclose(in_scene(viewer, moved.xy_heading[:2]), (0.0, 0.0), atol=1e-5)
-    # A camera straight above a place half a metre ahead picks that place of the world.
+    # A camera straight above a point 0.5 m ahead picks that point.
     above = {"position": [0.5, 0.0, 2.0], "wxyz": [0.0, 1.0, 0.0, 0.0]}
     viewer.send(CAMERA | above)
     middle = np.array([[0.5, 0.5]])
     eventually(lambda: np.allclose(desk.views.pick_floor(PAGE, middle), [ahead], atol=1e-5))
-    # Then the world is unturned again, also where a turn of zero would have to be sent.
+    # Afterwards the world has no rotation, even if that requires sending a zero rotation.
     desk.apply(camera=CameraPreset.TOP, look=True)
     viewer.until(lambda: np.allclose(viewer.node("/w").wxyz, (1.0, 0.0, 0.0, 0.0)))
     np.testing.assert_allclose(in_scene(viewer, moved.xy_heading[:2]), (0.0, 0.0), atol=1e-5)
     desk.apply(camera=CameraPreset.CHASE, look=True)
     viewer.until(lambda: not np.allclose(viewer.node("/w").wxyz, (1.0, 0.0, 0.0, 0.0)))
-    desk.apply(camera=CameraPreset.CHASE, follow=False)  # Only a camera that follows turns along.
+    desk.apply(camera=CameraPreset.CHASE, follow=False)  # Only a camera in follow mode turns along.
     viewer.until(lambda: np.allclose(viewer.node("/w").wxyz, (1.0, 0.0, 0.0, 0.0)))
 
 
 def test_labels_have_their_size_in_pixels_of_the_page_else_of_the_canvas() -> None:
-    """A screen may have several pixels of the canvas per pixel of the page, or less than one."""
+    """The device pixel ratio may be above or below 1."""
 
     def px_per_m(image_height: float, picture_px: float = 0.0) -> float:
         client: Any = SimpleNamespace(camera=SimpleNamespace(image_height=image_height))

@@ -1,4 +1,4 @@
-"""Previews and exaggerated tilt: drawn for the page that asked, in place of the live gimbals."""
+"""Previews and exaggerated tilt replace the live gimbals only for the requesting page."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ GIMBALS = ("outer", "inner", "wheel")
 
 
 def hidden(viewer: ViserClient, kind: str) -> list[bool]:
-    """Whether each link of a kind is hidden from this client."""
+    """Return whether each link of a kind is hidden from this client."""
     (node,) = (node for name, node in viewer.shared.items() if name.endswith(f"/m{kind}"))
     scales = node.props["batched_scales"]
     return [] if scales is None else [bool(scale == 0.0) for scale in scales]
@@ -48,7 +48,7 @@ def test_a_preview_replaces_the_gimbals_for_its_own_client(
         assert previewed(viewer, kind).visible
         shown = np.reshape(previewed(viewer, kind).props["batched_wxyzs"], (-1, 4))
         np.testing.assert_allclose(shown, poses[kind].wxyz, atol=1e-6)
-    # Nothing of it is sent to others.
+    # Other clients receive nothing of it.
     assert chosen(onlooker) == {}
     assert onlooker.shared["/w/r/tsd/mouter"].props["batched_scales"] is None
 
@@ -61,7 +61,7 @@ def test_the_live_gimbals_return_after_a_preview(
     desk.view().show_preview(feed.id, None)
     viewer.until(lambda: not previewed(viewer, "wheel").visible)
     viewer.until(lambda: not any(any(hidden(viewer, kind)) for kind in GIMBALS))
-    # They were live throughout.
+    # Live throughout.
     joints = feed.kinematics.inverse(np.array([0.2, 0.1, 0.0]))
     feed.say(joints=joints)
     desk.scene.draw()
@@ -119,7 +119,7 @@ def test_exaggerated_tilt_is_drawn_and_labelled_for_its_own_client(
                 atol=1e-6,
             )
         )
-    # The shared rings show the true setpoint; this client has its own instead.
+    # The shared rings show the true setpoint; this client has separate ones.
     assert not viewer.own["/w/r/tsd/s"].visible
     assert "/w/r/tsd/qs/s" in viewer.own
     assert "/w/r/tsd/qd/r" in viewer.own
@@ -146,7 +146,7 @@ def test_a_preview_is_exaggerated_and_the_enlarged_gimbals_return_after_it(
     viewer.until(
         lambda: enlarged(viewer, "inner").visible and not previewed(viewer, "inner").visible
     )
-    # The true ones stay hidden next to the enlarged ones.
+    # The true links remain hidden next to the enlarged ones.
     viewer.until(lambda: hidden(viewer, "inner") == [True] * feed.kinematics.modules)
 
 

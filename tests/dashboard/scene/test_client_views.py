@@ -1,4 +1,4 @@
-"""Views of clients: each shows the robot and the settings of its own page, and no other's."""
+"""Each client's view shows only the robot and settings of its page."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_a_client_without_a_graphics_card_gets_cheap_light(
         lights = [name for name, node in plain.own.items() if node.kind == "AmbientLightMessage"]
         assert len(lights) == 1
         sent = len(plain.messages)
-        desk.scene.add(RobotFeed("other"))  # The nodes of each client are made again.
+        desk.scene.add(RobotFeed("other"))  # The nodes of each client are created again.
         plain.until(lambda: any(m.get("name") == lights[0] for m in plain.messages[sent:]))
         plain.until(lambda: plain.own[lights[0]].props["intensity"] > 0.0)
     assert viewer.own["/stage/key"].props["cast_shadow"]
@@ -152,7 +152,7 @@ def test_the_gateway_determines_the_page_of_a_client(desk: ViewDesk) -> None:
 
 
 def click(robot_id: str, x_m: float, y_m: float) -> dict[str, object]:
-    """Return a click straight down on a sphere, in the axes of the scene."""
+    """Return a click straight down on a sphere, in scene axes."""
     return {
         "type": "SceneNodeClickMessage",
         "name": f"/w/r/{robot_id}/x",
@@ -173,9 +173,9 @@ def test_a_click_on_the_selected_sphere_reaches_its_page(desk: ViewDesk) -> None
     desk.scene.draw()
     with desk.opened(PAGE) as viewer, desk.opened(None) as stranger:
         viewer.until(lambda: "/w/r/atlas/x" in viewer.shared)
-        stranger.send(click("atlas", 0.0, 0.0))  # No page asked.
+        stranger.send(click("atlas", 0.0, 0.0))  # This client has no page.
         viewer.send(click("other", 0.0, 0.0))  # Another robot is selected.
-        viewer.send(click("atlas", 5.0, 0.0))  # Beside the sphere.
+        viewer.send(click("atlas", 5.0, 0.0))  # Outside the sphere.
         viewer.send(click("atlas", 0.0, 0.0))
         page, robot_id, at = desk.points.get(timeout=PATIENCE_S)
         assert (page, robot_id) == (PAGE, "atlas")

@@ -1,4 +1,4 @@
-"""The camera frames a robot in the part of the picture that nothing covers."""
+"""The camera frames a robot in the uncovered part of the view."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def rectangles(draw: st.DrawFn) -> Rectangle:
 
 
 def outline(stand: Stand, pose: CameraPose, aspect: float, fov: float) -> tuple[Array, Array]:
-    """Corners of the robot in the picture, upper left and lower right."""
+    """Corners of the robot in the view, upper left and lower right."""
     seen = pictured(pose, rim_points(stand), aspect, fov)
     return seen.min(axis=0), seen.max(axis=0)
 

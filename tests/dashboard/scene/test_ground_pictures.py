@@ -1,4 +1,4 @@
-"""Pictures of cameras above the floor lie in place, for clients that show them and all robots."""
+"""Floor camera pictures are in place, for clients that show them and all robots."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def picture(brightness: int = 0) -> np.ndarray:
 
 
 def sent(viewer: ViserClient) -> np.ndarray:
-    """Pixels that the client was sent; in the picture of the browser its first row has least y."""
+    """Pixels sent to the client; in the browser, the first row has the least y."""
     return simplejpeg.decode_jpeg(viewer.node(NODE).props["_data"], "RGB")
 
 

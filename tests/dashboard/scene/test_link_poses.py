@@ -1,4 +1,4 @@
-"""Where links are drawn, against the URDF as another program reads it, and rigid bodies."""
+"""Poses of drawn links against another URDF reader, and against rigid bodies."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_links_are_where_the_urdf_has_them(
     angles: list[float],
     turn: tuple[float, float, float],
 ) -> None:
-    """The footprint is where the base is; joints of the URDF are the angles, and the turns."""
+    """The footprint is at the base; URDF joints have the angles and the spin."""
     joints = np.array(angles[: len(model.drive.joints)])
     drawn = model.skeleton.poses(SE2(np.array(base)), SO3.exp(np.array(turn)), joints)
     said = {joint.name: value for joint, value in zip(model.drive.joints, joints, strict=True)}
@@ -113,7 +113,7 @@ def test_many_robots_at_once_are_the_same_as_one_at_a_time(
 def test_wheels_move_floor_or_ball_as_a_rigid_body_does(
     model: Model, direction: tuple[float, float, float], share: float
 ) -> None:
-    """v + omega x p at each contact, as far as the wheel has a say: rollers let the rest be."""
+    """v + omega x p at each contact, along the constrained directions of the wheel."""
     twist = share * np.array(direction)
     places, velocities = model.skeleton.contacts(model.drive.inverse(twist))
     if model.skeleton.has_ball:
@@ -123,7 +123,7 @@ def test_wheels_move_floor_or_ball_as_a_rigid_body_does(
         vx, vy, omega = twist
         rigid = np.array([vx, vy, 0.0]) + np.cross([0.0, 0.0, omega], places)
     if not any(group.range for group in model.tree.link_groups):
-        # Along the axles of the rollers; straight ones lie where the wheel drives.
+        # Along the roller axles, which for straight rollers is the driven direction.
         slant = [getattr(wheel, "roller_deg", 0.0) for wheel in model.robot.drive.wheels]
         if any(slant):
             return

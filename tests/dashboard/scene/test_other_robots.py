@@ -1,4 +1,4 @@
-"""Robots without gimbals in the scene, also beside others."""
+"""Robots without gimbals in the scene, alone and with other robots."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_a_sphere_turns_in_place(scene: Scene, viewer: ViserClient) -> None:
     viewer.until(
         lambda: np.allclose(shown(viewer, "atlas", "sphere"), expected["sphere"].wxyz, atol=1e-6)
     )
-    # It is where the simulator has it, and elsewhere by the other estimate.
+    # The two estimates differ.
     viewer.until(lambda: viewer.node("/w/o/atlas/dark/c").visible is True)
     assert viewer.node("/w/t/atlas/dark/c").visible is False
     np.testing.assert_allclose(viewer.node("/w/t/atlas").wxyz, TURN.wxyz, atol=1e-6)
@@ -73,7 +73,7 @@ def test_robots_of_all_kinds_share_a_scene(scene: Scene, viewer: ViserClient) ->
     for name in robots.robot_names():
         for kind in scene.visuals[name].meshes.shape.glbs:
             viewer.until(lambda at=f"/w/r/{name}/m{kind}": at in viewer.shared)
-    # No hoops about wheels that are told no angle.
+    # Wheels without commanded angles have no hoops.
     assert "/w/r/tsd/s" in viewer.shared
     assert "/w/r/omni4/s" not in viewer.shared
     scene.remove("atlas")

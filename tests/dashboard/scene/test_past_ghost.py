@@ -1,4 +1,4 @@
-"""The robot as it was some seconds ago: a ghost beside the live one, for the page that asked."""
+"""Ghost of the robot's past pose, shown only to the page that requested it."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_the_ghost_is_where_the_robot_was_and_says_so(
     np.testing.assert_allclose(ghost.position, (0.5, -0.2, 0.0))
     np.testing.assert_allclose(ghost.wxyz, (np.cos(0.5), 0.0, 0.0, np.sin(0.5)))
     assert asking.own["/w/h/c"].visible
-    # The live robot stays as it is, and no other page has the ghost.
+    # The live robot is unchanged, and no other page shows the ghost.
     np.testing.assert_allclose(asking.node("/w/r/tsd").position, (1.5, 0.4, 0.0))
     assert "/w/h" not in other.own
     assert "/w/h" not in other.shared

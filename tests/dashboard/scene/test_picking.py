@@ -1,4 +1,4 @@
-"""Points of a sphere at a click, invalid clicks, and the direction to a point off screen."""
+"""Clicked points on a sphere, invalid clicks, and the direction to a point off screen."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ def test_the_point_that_is_looked_at_is_the_one_that_is_met(
     turn: tuple[float, float, float],
     length: float,
 ) -> None:
-    """A point of the ball, seen from outside on its own side, in the axes of the ball."""
+    """A point on the near side of the ball, in ball axes."""
     assume(np.linalg.norm(at) > 0.1)
     point = np.array(at) / np.linalg.norm(at)
     turned = SO3.exp(3.0 * np.array(turn))
     seen = CENTRE + RADIUS_M * turned.rotate(point)
-    # From anywhere above the tangent plane, nothing of the ball is in between.
+    # From anywhere above the tangent plane, the ball does not block the view.
     outward = turned.rotate(point)
     place = seen + 2.0 * outward + 0.9 * (np.array(eye) - outward * (np.array(eye) @ outward))
     met = sphere_point(place, length * (seen - place), CENTRE, RADIUS_M, turned)
@@ -61,7 +61,7 @@ def test_what_is_no_ray_or_misses_meets_nothing(
 def test_a_point_outside_the_picture_has_the_direction_in_which_it_lies(
     share: tuple[float, float], turn: tuple[float, float, float], aspect: float
 ) -> None:
-    """Shares are of half the width to the right, and of half the height up."""
+    """In fractions of half the width to the right, and half the height up."""
     assume(all(abs(abs(each) - 1.0) > 1e-6 for each in share))
     aspect, view_rad, eye = 2.0**aspect, 0.9, np.array([1.0, -2.0, 3.0])
     right, up = share[0] * np.tan(0.45) * aspect, share[1] * np.tan(0.45)

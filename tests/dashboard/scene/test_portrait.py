@@ -1,4 +1,4 @@
-"""Portraits of robots: what is seen is what is nearest, and nothing else is drawn."""
+"""Portraits of robots show the nearest surfaces and nothing else."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_each_pixel_shows_the_nearest_triangle_over_its_middle(triangles: Array)
 
 
 class Over(NamedTuple):
-    """How far a point is inside a triangle, as a fraction of it, and the depth there."""
+    """Distance of a point inside a triangle, as a fraction, and the depth there."""
 
     margin: float
     depth: float
@@ -46,7 +46,7 @@ def over_point(triangle: Array, at: Array) -> Over:
     """Solve for the weights of the three corners, all of which are positive inside."""
     flat = np.vstack([triangle[:, :2].T, np.ones(3)])
     if abs(np.linalg.det(flat)) < 1e-6:
-        return Over(0.0, math.inf)  # Seen edge-on: either way is right.
+        return Over(0.0, math.inf)  # Edge-on, so either result is right.
     weights = np.linalg.solve(flat, [*at, 1.0])
     return Over(float(weights.min()), float(weights @ triangle[:, 2]))
 

@@ -1,4 +1,4 @@
-"""The area on the floor holds what a robot does when its link dies; at rest there is nothing."""
+"""The predicted floor area contains the motion after link loss; it is empty at rest."""
 
 from __future__ import annotations
 
@@ -48,12 +48,12 @@ def look(
 ) -> Prediction:
     status = RobotStatus(mode, limits=LimitStatus(1.0, 3.0, max_age_s))
     setpoint = DRIVE.inverse(twist)
-    feed.say(pose=np.zeros(3), setpoint=setpoint, status=status)
+    feed.say(pose=np.zeros(3), twist=twist, setpoint=setpoint, status=status)
     return MotionPredictor(DRIVE, ROBOT).predict(feed.snapshot, setpoint, sent, trips_of(trip_s))
 
 
 def commands(feed: RobotFeed, twist: Array, frame: str = BASE) -> list[SentCommand]:
-    """Fifty a second, up to now."""
+    """Commands at 50 Hz until now."""
     return [SentCommand(feed.now_s - 0.02 * i, twist, frame) for i in range(40, 0, -1)]
 
 
@@ -62,7 +62,7 @@ def commands(feed: RobotFeed, twist: Array, frame: str = BASE) -> list[SentComma
 def test_a_robot_whose_link_dies_comes_to_rest_within_what_was_drawn(
     delay_periods: int, omega: float
 ) -> None:
-    """Simulated, with the commands under way arriving, and up to its true standstill."""
+    """Simulated with commands in flight, until true standstill."""
     rig = ControllerHarness(SimRobot(ROBOT))
     pilot = rig.get_ready()
     twist = np.array([0.8, -0.3, omega])
@@ -72,11 +72,11 @@ def test_a_robot_whose_link_dies_comes_to_rest_within_what_was_drawn(
     feed = RobotFeed()
     sent = commands(feed, twist)
     status = RobotStatus("driving", limits=LimitStatus(1.0, 3.0, AGE_S))
-    feed.say(pose=pose, setpoint=setpoint, status=status)
+    feed.say(pose=pose, twist=rig.controller.end_twist, setpoint=setpoint, status=status)
     trips = trips_of(delay_periods * 0.01)
     path = MotionPredictor(DRIVE, ROBOT).predict(feed.snapshot, setpoint, sent, trips).path
     assert path is not None
-    # What was under way still arrives; then nothing does.
+    # Deliver the commands in flight, and none after them.
     seen = rig.status_seq
     for period in range(delay_periods):
         if period % 2 == 0:
@@ -95,7 +95,7 @@ def test_a_robot_whose_link_dies_comes_to_rest_within_what_was_drawn(
 
 
 def depth_m(corners: Array, points: Array) -> Array:
-    """How deep points (..., 2) lie within a convex polygon; negative outside."""
+    """Depth of points (..., 2) within a convex polygon; negative outside."""
     edges = np.roll(corners, -1, axis=0) - corners
     inward = np.stack([-edges[:, 1], edges[:, 0]], axis=-1)
     inward /= np.linalg.norm(inward, axis=-1, keepdims=True)
@@ -163,10 +163,10 @@ def test_who_knows_no_delay_draws_the_most_that_the_rules_allow() -> None:
     watching = look(feed, forward, "driving", 0.01, [], AGE_S).path
     slow = look(feed, forward, "driving", 9.0, sent, AGE_S).path
     reach = [path[-1, 0] for path in (near, unknown, watching, slow) if path is not None]
-    # 0.2 s of silence, never longer than a command may be old, and braking from 1 m/s at 6 m/s^2.
+    # 0.2 s of silence, limited by the maximum command age, then braking from 1 m/s at 6 m/s^2.
     assert reach[0] == pytest.approx(AGE_S + 1.0 / 12.0, abs=0.06)
     assert reach[3] == pytest.approx(AGE_S + 1.0 / 12.0, abs=0.06)
-    # Another dashboard may have seen a status that was sent later by as much.
+    # Another dashboard may have received a status sent later by that time.
     assert reach[1:3] == pytest.approx([2 * AGE_S + 1.0 / 12.0] * 2, abs=0.06)
 
 
@@ -188,3 +188,15 @@ def test_a_status_whose_limits_are_none_predicts_nothing(speed_mps: float) -> No
     found = MotionPredictor(DRIVE, ROBOT).predict(feed.snapshot, setpoint, [], trips_of(0.1))
     assert found.path is None
     assert found.arrival_pose is None
+
+
+@pytest.mark.parametrize("broken", [math.nan, math.inf])
+def test_commanded_twist_replaces_a_non_finite_estimate(broken: float) -> None:
+    feed, forward = RobotFeed(), np.array([0.5, 0.0, 0.0])
+    sent = commands(feed, forward)
+    status = RobotStatus(Mode.DRIVING, limits=LimitStatus(1.0, 3.0, 1.0))
+    setpoint = DRIVE.inverse(forward)
+    feed.say(pose=np.zeros(3), twist=np.full(3, broken), setpoint=setpoint, status=status)
+    found = MotionPredictor(DRIVE, ROBOT).predict(feed.snapshot, setpoint, sent, trips_of(0.3))
+    assert found.arrival_pose is not None
+    assert found.arrival_pose[0] == pytest.approx(0.15, abs=0.02)

@@ -1,4 +1,4 @@
-"""What lies ahead of a robot, as a client of viser is sent it."""
+"""Predicted path and area of a robot, as sent to a viser client."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ GHOST = overlay_node(Layer.PREDICTED, "tsd")
 FORWARD = np.array([0.8, 0.0, 0.0])
 LIMITS = LimitStatus(1.0, 3.0, 0.25)
 EVERY_S = 0.11
-"""Each word of the robot is looked ahead from."""
+"""Interval between states, long enough for a prediction from each."""
 
 
 @pytest.fixture(scope="module")
@@ -44,20 +44,21 @@ def feed(scene: Scene) -> Generator[RobotFeed]:
 
 @pytest.fixture
 def viewer(scene: Scene, feed: RobotFeed) -> Generator[ViserClient]:
-    del feed  # The robot is there before the client.
+    del feed  # The robot exists before the client connects.
     with viser_client(scene.server.get_port()) as made:
         yield made
 
 
 def drive(scene: Scene, feed: RobotFeed, x: float) -> None:
-    """Say that the robot drives forward, with fresh commands on the way to it."""
+    """Publish a robot driving forward, with recent commands in flight."""
     now_s = feed.now_s + EVERY_S
     feed.sent_commands[:] = [
         SentCommand(now_s - 0.02 * i, FORWARD, "base_link") for i in range(40, 0, -1)
     ]
     setpoint = feed.kinematics.inverse(FORWARD)
     status = RobotStatus("driving", limits=LIMITS)
-    feed.say(pose=np.array([x, 0.0, 0.0]), setpoint=setpoint, status=status, after_s=EVERY_S)
+    pose = np.array([x, 0.0, 0.0])
+    feed.say(pose=pose, twist=FORWARD, setpoint=setpoint, status=status, after_s=EVERY_S)
     scene.draw()
 
 
@@ -108,7 +109,7 @@ def test_a_silent_robot_keeps_its_area_and_loses_its_cage(
 
 
 def test_its_messages_are_small(scene: Scene, feed: RobotFeed, viewer: ViserClient) -> None:
-    """At ten a second, with a stick that is never still."""
+    """At 10 Hz, with a stick that is never still."""
     rest(scene, feed)
     drive(scene, feed, 0.0)
     viewer.until(lambda: viewer.node(ENVELOPE).visible)

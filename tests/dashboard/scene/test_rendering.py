@@ -1,4 +1,4 @@
-"""The picture in a real browser: what Chromium draws of what we send."""
+"""The scene as rendered by Chromium."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tsd_twin.lie import Array
 
 SIZE = (540, 450)
 SCENE_ONLY = "body :not(canvas, :has(canvas)) { display: none !important }"
-"""As in the frame of the page."""
+"""Same style as in the frame of the page."""
 
 pytestmark = [pytest.mark.system, pytest.mark.busy]
 
@@ -34,7 +34,7 @@ def browser() -> Generator[Browser]:
 
 
 class Desk:
-    """A scene, and browsers that look at it."""
+    """A scene with browsers that show it."""
 
     def __init__(self, server: viser.ViserServer, browser: Browser) -> None:
         self.server = server
@@ -42,13 +42,13 @@ class Desk:
         self.views = ClientViews(server, self.scene)
         self.feed = RobotFeed()
         self.scene.add(self.feed)
-        self.feed.say(pose=np.zeros(3))  # The camera is placed when the pose is known.
+        self.feed.say(pose=np.zeros(3))  # The camera is placed once the pose is known.
         self.scene.draw()
         self.errors: list[str] = []
         self._browser = browser
 
     def open(self) -> tuple[Page, ClientView]:
-        """Return a page whose robot can be seen, and its view."""
+        """Return a page that shows its robot, and its view."""
         before = self.server.get_clients().keys()
         width, height = SIZE
         page = self._browser.new_page(viewport={"width": width, "height": height})
@@ -63,7 +63,7 @@ class Desk:
 @pytest.fixture(scope="module")
 def desk(browser: Browser) -> Generator[Desk]:
     with pytest.MonkeyPatch.context() as unlocked:
-        # The page is viser's own here, and no gateway stands between that could bring the key.
+        # The browser loads viser's own page without the gateway, which would add the access key.
         unlocked.setattr(viser_compat, "has_access_key", lambda _request: True)
         server = viser_compat.start_server("test")
         made = Desk(server, browser)
@@ -90,12 +90,12 @@ def view(opened: tuple[Page, ClientView]) -> ClientView:
 
 
 def picture(page: Page) -> Array:
-    """Return the scene as it is on the screen, (height, width, 3), 0 to 255."""
+    """Return a screenshot of the scene, (height, width, 3), 0 to 255."""
     return np.asarray(imread(page.screenshot(timeout=PATIENCE_MS)), float)[..., :3]
 
 
 def until(page: Page, seen: Callable[[Array], bool]) -> Array:
-    """Return the first picture in which something is seen."""
+    """Return the first screenshot that meets a condition."""
     for _ in range(100):
         shown = picture(page)
         if seen(shown):
@@ -105,13 +105,13 @@ def until(page: Page, seen: Callable[[Array], bool]) -> Array:
 
 
 def magenta(shown: Array) -> int:
-    """Number of pixels that are much redder and bluer than they are green."""
+    """Number of pixels with much more red and blue than green."""
     red, green, blue = np.moveaxis(shown, -1, 0)
     return int(((red > 1.5 * green + 20) & (blue > 1.5 * green + 20)).sum())
 
 
 def wheels(shown: Array) -> Array:
-    """Rows and columns (n, 2) of the pixels that have the colour of the wheels."""
+    """Rows and columns (n, 2) of wheel-coloured pixels."""
     red, green, blue = np.moveaxis(shown, -1, 0)
     return np.argwhere((red > 150) & (red > 1.4 * green) & (green > 1.2 * blue))
 
@@ -132,13 +132,13 @@ def test_preview_is_seen_by_one_client_in_place_of_the_live_gimbals(
     assert magenta(picture(other_page)) == 0
     other_page.close()
     view.show_preview(desk.feed.id, None)
-    # What was tried may be gone a frame before what lives is back.
+    # The preview may disappear a frame before the live robot returns.
     again = until(page, lambda shown: magenta(shown) == 0 and orange(shown) > 0.5 * orange(live))
     assert orange(again) == pytest.approx(orange(live), rel=0.05)
 
 
 def test_a_camera_that_nobody_touches_follows_the_robot(desk: Desk, page: Page) -> None:
-    """A robot that has driven a kilometre is seen where it was seen in the origin."""
+    """A robot that has driven 1 km appears in the same place of the picture as at the origin."""
     first = wheels(picture(page)).mean(axis=0)
     for x in np.linspace(0.0, 1000.0, 20):
         desk.feed.say(pose=np.array([x, 0.0, 0.0]))

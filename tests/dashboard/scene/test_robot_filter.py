@@ -1,4 +1,4 @@
-"""The scene of a client that may not show all robots has nothing of the others."""
+"""A client restricted to some robots receives nothing of the others."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tsd_twin.dashboard.wire.view import Layer, TruePoseDisplay, ViewSettings
 HERS, HIDDEN = "lab1", "hidden"
 PAGE = "0" * 16
 FAR = np.array([777.25, 888.5, 0.5])
-"""Where the hidden robot is."""
+"""Position of the hidden robot."""
 
 
 @pytest.fixture
@@ -53,7 +53,7 @@ def client_of(server: viser.ViserServer, shown: str) -> ViserClient:
 
 
 def play(scene: Scene, views: ClientViews) -> None:
-    """Show all that a scene can show of two robots, the hidden one first."""
+    """Show all scene features of two robots, the hidden one first."""
     robot = robots.load_robot("tsd")
     feeds = {name: RobotFeed(name, robot) for name in (HIDDEN, HERS)}
     for feed in feeds.values():

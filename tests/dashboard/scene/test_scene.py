@@ -1,4 +1,4 @@
-"""What a client of viser is sent, when robots say something, and when they do not."""
+"""Messages sent to a viser client in response to robot messages or their absence."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def drawn(server: viser.ViserServer) -> Scene:
 
 @pytest.fixture
 def scene(drawn: Scene) -> Generator[Scene]:
-    """A scene without robots, that has seen what they look like before."""
+    """An empty scene with cached robot models."""
     yield drawn
     for robot_id in list(drawn.visuals):
         drawn.remove(robot_id)
@@ -52,13 +52,13 @@ def feed(scene: Scene) -> RobotFeed:
 
 @pytest.fixture
 def viewer(server: viser.ViserServer, feed: RobotFeed) -> Generator[ViserClient]:
-    del feed  # The robot is there before the client.
+    del feed  # The robot exists before the client connects.
     with viser_client(server.get_port()) as made:
         yield made
 
 
 def rows(node: Node) -> tuple[Array, Array]:
-    """Orientations (n, 4) and positions (n, 3) of the instances of a node."""
+    """Orientations (n, 4) and positions (n, 3) of a node's instances."""
     return (
         np.reshape(node.props["batched_wxyzs"], (-1, 4)),
         np.reshape(node.props["batched_positions"], (-1, 3)),
@@ -66,7 +66,7 @@ def rows(node: Node) -> tuple[Array, Array]:
 
 
 def batches(viewer: ViserClient) -> dict[str, Node]:
-    """The nodes of solid parts, by kind of link."""
+    """Nodes of the solid parts, by kind of link."""
     found = {name: node for name, node in viewer.shared.items() if "/m" in name}
     return {name.rsplit("/m", 1)[1]: node for name, node in found.items()}
 
@@ -82,7 +82,7 @@ def in_world(viewer: ViserClient, kind: str) -> tuple[Array, Array]:
 
 
 def fence(scene: Scene, viewer: ViserClient) -> list[dict[str, object]]:
-    """Wait for all that was sent, and return what came since the last fence."""
+    """Wait until all sent messages have arrived, and return those since the last fence."""
     name = f"/fence{next(_NUMBERS)}"
     post = scene.server.scene.add_frame(name, show_axes=False)
     scene.server.flush()
@@ -198,7 +198,7 @@ def test_robots_of_one_description_share_their_nodes(
     solid = [m for m in fence(scene, viewer) if "batched_positions" in str(m.get("updates"))]
     assert {m["name"] for m in solid} == {f"/w/r/tsd/m{kind}" for kind in batches(viewer)}
     np.testing.assert_allclose(in_world(viewer, "chassis")[1][:, 0], [1.0, 2.0])
-    assert viewer.node("/w/r/bob/n").visible  # Names are shown when there are several.
+    assert viewer.node("/w/r/bob/n").visible  # Names are shown if there are several robots.
     scene.remove("tsd")
     fence(scene, viewer)
     np.testing.assert_allclose(in_world(viewer, "chassis")[1][:, 0], [2.0])
@@ -363,7 +363,7 @@ def test_the_region_of_a_certain_heading_is_an_ellipse_of_two_sigma(
     on_floor = SE2(np.array([0.0, 0.0, heading])).rotate(in_base[:, :2])
     shown = covariance[:2, :2] + _LEAST_SIGMA_M**2 * np.eye(2)
     distance = np.einsum("ni,ij,nj->n", on_floor, np.linalg.inv(shown), on_floor)
-    # Turns are not sent that move no point by more than this, on either axis.
+    # A turn is not sent if it moves no point by more than this, about either axis.
     moved_m = math.sqrt(2.0) * _VISIBLE_M
     narrowest_m = math.sqrt(np.linalg.eigvalsh(shown)[0])
     assert np.abs(np.sqrt(distance) - 2.0).max() < moved_m / narrowest_m + 0.001
@@ -392,7 +392,7 @@ def drive_along(scene: Scene, feed: RobotFeed, xs: Array) -> None:
 
 
 def trail_of(viewer: ViserClient) -> Array:
-    """The segments (n, 2, 3) of the trail, along x."""
+    """Return the segments (n, 2, 3) of the trail, along x."""
     chunks = [
         n.props["points"] for name, n in viewer.shared.items() if name.startswith("/w/k/tsd/dark/")
     ]

@@ -1,4 +1,4 @@
-"""The robot of the Student tab, and previews, in the scene of the page that asked for them."""
+"""The robot of the Student tab and previews, in the scene of the requesting page."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_a_variant_replaces_the_robot_on_the_page_that_asked_and_follows_its_joi
         np.testing.assert_allclose(np.hypot(*at_m[:, :2].T), 0.2, atol=1e-6)
         asking.until(lambda twist=twist: ("/w/r/tsd/vc" in asking.own) is (twist[2] != 0.0))
     asking.until(lambda: is_hidden(asking, "chassis") and is_hidden(asking, "wheel"))
-    assert not asking.own["/w/r/tsd/s"].visible  # Rings of the robot that is not there.
+    assert not asking.own["/w/r/tsd/s"].visible  # Rings of the robot that does not exist.
     assert chosen(other) == {}
     views.of_page(PAGE)[0].show_student(None)
     asking.until(lambda: chosen(asking) == {})

@@ -1,4 +1,4 @@
-"""Overlays of clients in dark and in light colours, and the framing of the robot."""
+"""Dark and light overlays per client, and framing of the robot."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def robot_in_picture(viewer: ViserClient, width: int = CAMERA["image_width"]) ->
         for kind, key in (("Position", "position"), ("LookAt", "look_at"))
     )
     aspect = width / CAMERA["image_height"]
-    centre = np.array([[0.0, 0.0, 0.07]])  # The world moves so that the robot is in the origin.
+    centre = np.array([[0.0, 0.0, 0.07]])  # The world moves so that the robot is at the origin.
     return pictured(CameraPose(position, look_at), centre, aspect, FIELD_OF_VIEW_RAD)[0]
 
 

@@ -1,4 +1,4 @@
-"""Exaggerated tilt: the same directions of lean, so many times as far."""
+"""Exaggerated tilt keeps the lean direction and multiplies its angle."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ leans = st.floats(-math.pi, math.pi)
 
 
 def joints_of(tilt: float, lean: float) -> Array:
-    """A module whose axle leans so far in a direction, by spherical trigonometry."""
+    """Joints of a module whose axle has this tilt and lean direction, by spherical trigonometry."""
     x, y, z = math.sin(tilt) * math.cos(lean), math.sin(tilt) * math.sin(lean), math.cos(tilt)
     return np.array([math.asin(y), math.atan2(x, z), 7.0])
 

@@ -1,4 +1,4 @@
-"""Who moves the robot, and what ends it: over real sockets, a real bus and a real node."""
+"""Control and its end, over real sockets, a real bus and a real node."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.support.page_client import Site, site
-from tests.support.recorders import CommandRecorder, is_put_to_rest, settle
+from tests.support.recorders import CommandRecorder, settle
 
 OTHER = "fedcba9876543210"
 
@@ -48,7 +48,7 @@ def test_with_control_and_armed_the_robot_goes_where_the_stick_says(served: Site
         page.holds = None
         page.send(t="release")
         page.until(lambda: page.mode == "ready")
-        assert is_put_to_rest(commands.take())
+        assert commands.is_put_to_rest()
 
 
 def test_a_second_release_says_nothing_new(served: Site) -> None:
@@ -60,7 +60,7 @@ def test_a_second_release_says_nothing_new(served: Site) -> None:
         page.send(t="release")
         page.send(t="release")
         settle(page)
-        assert is_put_to_rest(commands.take())
+        assert commands.is_put_to_rest()
 
 
 def test_a_page_that_falls_silent_while_it_drives_is_taken_to_have_let_go(served: Site) -> None:
@@ -70,10 +70,10 @@ def test_a_page_that_falls_silent_while_it_drives_is_taken_to_have_let_go(served
         commands = CommandRecorder(served, page)
         page.holds = None
         why = page.until(lambda: page.last("released"))["why"]
-        # Which of the two is first depends on how old the status was that the last command echoed.
+        # The order depends on the age of the status echoed by the last command.
         assert why["code"] in ("page_stalled", "mode_only")
         page.until(lambda: page.mode == "ready")
-        assert is_put_to_rest(commands.take())
+        assert commands.is_put_to_rest()
 
 
 def test_after_that_it_drives_again_only_when_its_controls_have_been_centred(served: Site) -> None:
@@ -86,7 +86,7 @@ def test_after_that_it_drives_again_only_when_its_controls_have_been_centred(ser
         commands = CommandRecorder(served, page)
         page.holds = {"vx": 0.2, "vy": 0.0, "omega": 0.0}
         settle(page)
-        # A zero may be repeated until it is acknowledged; nothing else is sent.
+        # A zero may be repeated until acknowledged; no other command is sent.
         assert not any(command.twist.any() for command in commands.take())
         assert page.mode == "ready"
         page.send(t="release")
@@ -113,7 +113,7 @@ def test_a_socket_that_is_closed_puts_the_robot_at_rest_and_gives_control_back(
             commands = CommandRecorder(served, page)
         witness.until(lambda: witness.state["status"]["lease"]["holder"] is None)
         witness.until(lambda: witness.mode == "ready")
-        assert is_put_to_rest(commands.take())
+        assert commands.is_put_to_rest()
 
 
 def test_a_page_without_a_beat_loses_control(served: Site) -> None:
@@ -132,7 +132,7 @@ def test_control_is_kept_for_as_long_as_the_page_beats(served: Site) -> None:
         assert page.take()["ok"]
         page.until(lambda: page.state["has_control"])
         count = len(page.all("state"))
-        page.until(lambda: len(page.all("state")) > count + 60)  # Three seconds: a lease has two.
+        page.until(lambda: len(page.all("state")) > count + 60)  # Longer than a lease (2 s).
         assert all(state["has_control"] for state in page.all("state")[count:])
 
 
@@ -173,7 +173,7 @@ def test_the_end_of_the_gateway_lets_go_of_the_robot_and_of_control() -> None:
         commands = CommandRecorder(ending, page)
         ending.run(ending.gateway.stop())
         assert page.until(lambda: page.closed) == 1001
-        assert is_put_to_rest(commands.take())
+        assert commands.is_put_to_rest()
         done = threading.Event()
         while ending.link.snapshot.status is not None and not done.wait(0.01):
             lease = ending.link.snapshot.status.lease
@@ -191,4 +191,4 @@ def test_control_that_is_asked_for_anew_is_let_go_of_first(served: Site) -> None
         page.until(lambda: page.all("released")[before:])
         page.until(lambda: page.mode == "ready")
         settle(page)  # The stick is still held.
-        assert is_put_to_rest(commands.take())
+        assert commands.is_put_to_rest()

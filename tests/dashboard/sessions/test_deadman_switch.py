@@ -1,4 +1,4 @@
-"""The controls of a page, held and let go, in any order."""
+"""Deadman switch under any order of hold and release."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from tsd_twin.dashboard.sessions.teleop import DeadmanState, DeadmanSwitch
 
 
 class AnyOrder(RuleBasedStateMachine):
-    """Whatever happens: motion is ended once, and begins again only after a release."""
+    """Motion ends exactly once, and restarts only after a release."""
 
     def __init__(self) -> None:
         super().__init__()
         self.deadman = DeadmanSwitch()
         self.now_s = 0.0
-        self.moving = False  # The last that the robot was told was not zero.
-        self.centred = True  # The page has released since somebody let go for it.
+        self.moving = False  # The last command was not zero.
+        self.centred = True  # Released since the last forced release.
 
     @rule(dt_s=st.floats(0.0, 1.0))
     def drive(self, dt_s: float) -> None:

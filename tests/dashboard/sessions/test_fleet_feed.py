@@ -1,4 +1,4 @@
-"""States of all robots on a page: complete, only changes after the first, encoded once for all."""
+"""States of all robots for a page: complete at first, then changes only, encoded once."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ async def open_view(page: FleetPage) -> None:
 
 
 async def quiet(page: FleetPage, seconds: float) -> list[dict[str, Any]]:
-    """Return the messages about the fleet of some time."""
+    """Return the fleet messages of a time interval."""
     before = len(page.all("fleet"))
     await asyncio.sleep(seconds)
     return page.all("fleet")[before:]

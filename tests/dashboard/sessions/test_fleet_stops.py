@@ -1,4 +1,4 @@
-"""STOP of any robot and of all: at once, answered for each robot, and never sent to a replay."""
+"""STOP of a robot or of all: immediate, confirmed per robot, and never sent to a replay."""
 
 from __future__ import annotations
 
@@ -102,14 +102,14 @@ def test_a_robot_whose_link_comes_back_in_time_is_stopped(silent_s: float) -> No
 
 
 def test_the_first_thing_that_happens_is_that_all_robots_are_sent_a_stop() -> None:
-    """Before a reply, and before any robot could keep another waiting."""
+    """Before a reply, and before a robot could delay the others."""
     with pytest.MonkeyPatch.context() as patch:
         fleet = VirtualFleet(VirtualClock(patch), IDS)
 
         async def press() -> None:
             async with fleet.running(), fleet.page() as page:
                 fleet.lose("kiwi")
-                fleet.network.is_held = lambda _key: False  # To see what is sent to it.
+                fleet.network.is_held = lambda _key: False  # To receive the messages sent to it.
                 now_s = fleet.clock.now_s
                 page.send(t="stop", all=True)
                 await until(lambda: len(fleet.stops) >= len(IDS))

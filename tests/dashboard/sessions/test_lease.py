@@ -1,4 +1,4 @@
-"""Control changes hands between two dashboards that share nothing but the bus."""
+"""Handover of control between two dashboards that share only the bus."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NO_VISER = 1
 
 
 class Two(NamedTuple):
-    """Two gateways, each with a bus of its own."""
+    """Two gateways with separate buses."""
 
     here: Site
     there: Site
@@ -44,7 +44,7 @@ def press(page: Page, op: str, **fields: Any) -> dict[str, Any]:
 
 
 def ask(bob: Page, alice: Page) -> None:
-    """Let bob ask, and wait until alice sees it."""
+    """Request control as Bob, and wait until Alice sees the request."""
     bob.until(lambda: lease(bob)["holder"] == alice.operator)
     bob.until(lambda: press(bob, "request")["ok"])
     alice.until(lambda: lease(alice)["requested_by"] == bob.operator)

@@ -1,4 +1,4 @@
-"""What the map is sent of robots, trails and paths; a refused path leaves map and scene."""
+"""Map data: robots, trails and paths; a refused path is removed from map and scene."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ROUTE_NODE = "/w/p/tsd/dark/p"
 
 @dataclass
 class Stage:
-    """A site whose pages have a scene, and a client that sees it."""
+    """A site whose pages have a scene, and a client connected to it."""
 
     site: Site
     scene: Scene
@@ -90,8 +90,9 @@ def test_an_open_map_has_the_robots_where_they_are_and_where_they_have_been(stag
         page.until(lambda: page.mode == "ready")
         page.send(t="map", on=True)
         page.until(lambda: page.state["map"])
-        (robot,) = page.state["map"]["robots"]
-        np.testing.assert_allclose(robot["pose"], page.state["pose"], atol=1e-4)
+        shown = page.state
+        (robot,) = shown["map"]["robots"]
+        np.testing.assert_allclose(robot["pose"], shown["pose"], atol=1e-4)
         assert (robot["id"], robot["stale"]) == ("tsd", False)
         assert robot["reach_m"] == pytest.approx(
             stage.scene.visuals["tsd"].meshes.shape.reach_m, abs=1e-3
@@ -119,7 +120,7 @@ def test_the_envelope_on_the_map_is_the_one_that_is_drawn(stage: Stage) -> None:
 
 
 def drawn(viewer: ViserClient) -> np.ndarray:
-    """Corners of the area on the floor, in the frame of the robot."""
+    """Corners of the floor area, in the robot frame."""
     return np.reshape(viewer.node("/w/r/tsd/b/dark/v/a").props["vertices"], (-1, 3))[:, :2]
 
 

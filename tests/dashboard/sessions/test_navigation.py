@@ -1,4 +1,4 @@
-"""Planned ways: over real sockets, a real bus and a real node, as a page drives them."""
+"""Planned paths over real sockets, a real bus and a real node, driven as by a page."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ from hypothesis import strategies as st
 
 from tests.support.empty_scene import EmptyScene
 from tests.support.page_client import Page, Site, site
-from tests.support.recorders import CommandRecorder, is_put_to_rest, settle
+from tests.support.recorders import CommandRecorder, settle
 from tests.support.robot_feed import RobotFeed
+from tests.support.withheld import WithheldTime
 from tsd_twin import robots
 from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.dashboard.scene.picking import MAX_DISTANCE_M, floor_points
@@ -42,7 +43,7 @@ def served() -> Generator[Site]:
 
 
 def plan(page: Page, *points: tuple[float, float], kind: str = "to", **more: Any) -> dict[str, Any]:
-    """Ask for a way that begins where the robot is, and wait until it can be driven."""
+    """Plan a path from the robot's pose, and wait until it can be driven."""
     x, y, _ = page.state["pose"]
     ahead = [[x + px, y + py] for px, py in points]
     assert page.answer("plan", t="plan", kind=kind, points=ahead, on="floor", **more)["ok"]
@@ -64,7 +65,7 @@ def let_go(page: Page) -> None:
 
 
 def go(page: Page, until: Callable[[], bool]) -> dict[str, Any]:
-    """Hold the button until something is true, and return the way that was held."""
+    """Hold the button until a condition holds, and return the path."""
     route = page.until(lambda: planned(page))
     before = len(page.all("released"))
     assert route is not None
@@ -105,7 +106,7 @@ def test_held_the_robot_arrives_stops_and_does_nothing_more(served: Site) -> Non
         sent = commands.take()
         seen = {state["status_seq"] for state in page.all("state")}
         assert {command.status_seq for command in sent if command.twist.any()} <= seen
-        assert is_put_to_rest(sent)
+        assert commands.is_put_to_rest(sent)
         settle(page)  # The button is still held.
         assert commands.take() == []
         let_go(page)
@@ -129,15 +130,17 @@ def test_let_go_on_the_way_it_stands_and_goes_on_only_when_held_anew(served: Sit
         plan(page, (-0.9, 0.0))
         commands = CommandRecorder(served, page)
         route = go(page, midway(page))
-        at = page.state["pose"]
-        let_go(page)
-        page.until(lambda: page.mode == "ready")
-        assert is_put_to_rest(commands.take())
-        assert math.dist(at[:2], page.state["pose"][:2]) < ROLLS_M
+        with WithheldTime() as withheld:
+            at = page.state["pose"]
+            let_go(page)
+            page.until(lambda: page.mode == "ready")
+        assert commands.is_put_to_rest()
+        rolls_m = ROLLS_M + page.state["status"]["limits"]["speed_mps"] * withheld.total_s
+        assert math.dist(at[:2], page.state["pose"][:2]) < rolls_m
         left = page.until(lambda: planned(page))
         assert left["number"] > route["number"]
         assert left["length_m"] == pytest.approx(apart_m(page, goal), abs=0.02)
-        hold(page, route)  # The way of before.
+        hold(page, route)  # The earlier path.
         page.until(lambda: page.last("released")["why"]["code"] == Code.PATH_NO_LONGER_PLANNED)
         settle(page)
         assert not any(command.twist.any() for command in commands.take())
@@ -156,7 +159,7 @@ def test_a_new_path_ends_the_motion_along_the_old_one(served: Site) -> None:
         assert plan(page, (0.5, 0.5))["number"] > route["number"]  # The button is still held.
         assert page.last("released")["why"]["code"] == Code.PATH_REPLANNED
         page.until(lambda: page.mode == "ready")
-        assert is_put_to_rest(commands.take())
+        assert commands.is_put_to_rest()
         settle(page)
         assert commands.take() == []
         let_go(page)
@@ -195,8 +198,8 @@ def test_whatever_ends_a_drive_ends_the_way(served: Site, end: Any) -> None:
         page.until(lambda: page.mode in ("ready", "stopped", "disarmed"))
         page.until(lambda: abs(page.state["twist"][0]) < 0.01)
         sent = commands.take()
-        assert is_put_to_rest(sent)
-        settle(page)  # Where the page still says that it holds, it does nothing.
+        assert commands.is_put_to_rest(sent)
+        settle(page)  # A hold message from a page no longer has an effect.
         assert commands.take() == []
         page.focus = True
         let_go(page)
@@ -299,11 +302,11 @@ def test_wishes_that_are_none_are_counted(served: Site, garbage: dict[str, Any])
         page.until(lambda: served.sessions.rejected == before + len(raw))
 
 
-# Without a bus: what the robot says is what a test says, and when.
+# Without a bus: tests control content and timing of the robot's messages.
 
 
 class Desk:
-    """A way for a robot that says what a test lets it say."""
+    """Navigation session with a robot whose messages the test controls."""
 
     def __init__(self) -> None:
         self.feed = RobotFeed(robot=robots.load_robot("tsd"))
@@ -315,7 +318,7 @@ class Desk:
         self.say(0.0, 100.0)
 
     def step(self, number: int, now_s: float, feed: RobotFeed | None = None) -> ExecutionStep:
-        """Hold the button, for the robot that control is had of."""
+        """Hold the button for the controlled robot."""
         return self.going.step(cast(RobotMonitor, feed or self.feed), number, 0.25, now_s)
 
     def say(
@@ -376,7 +379,7 @@ def test_it_begins_only_where_it_was_planned_to_in_the_same_gear_and_from_rest(
 
 
 def test_a_way_that_was_planned_for_one_robot_moves_no_other() -> None:
-    """Also none that has its name: a robot that was away for a moment has a link of its own."""
+    """Nor a robot of the same name, because a robot that reconnects has a new link."""
 
     async def run() -> None:
         desk, other = Desk(), Desk()
@@ -421,7 +424,7 @@ def test_a_stop_by_anybody_ends_the_way_and_until_the_reset_there_is_no_other(
 
 
 def test_let_go_of_a_moment_before_the_end_the_robot_has_arrived() -> None:
-    """There is no way left to plan, and nothing to refuse."""
+    """The remaining path is too short to plan, which is not an error."""
 
     async def run() -> None:
         desk = Desk()
@@ -456,7 +459,7 @@ def test_a_heading_that_is_no_number_is_refused_in_words() -> None:
     asyncio.run(run())
 
 
-# The picture.
+# The scene.
 
 turns = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
 
@@ -475,9 +478,9 @@ def test_the_place_that_is_seen_somewhere_is_found_there(
     view_rad: float,
     aspect: float,
 ) -> None:
-    """Projected by a pinhole camera as a textbook has it, and back."""
+    """Project by a textbook pinhole camera and back."""
     target, position = np.array([*place, 0.0]), np.array(eye)
-    # A camera that looks almost at it: z ahead, y down.
+    # A camera that looks almost at the point: z ahead, y down.
     ahead = (target - position) / np.linalg.norm(target - position)
     right = np.cross(ahead, [0.1, 0.2, 1.0])
     right /= np.linalg.norm(right)
@@ -493,7 +496,7 @@ def test_the_place_that_is_seen_somewhere_is_found_there(
 
 
 def quaternion(frame: Any) -> Any:
-    """Of a rotation matrix, by its eigenvector."""
+    """Convert a rotation matrix to a quaternion by its eigenvector."""
     values, vectors = np.linalg.eig(frame)
     axis = np.real(vectors[:, np.argmin(np.abs(values - 1.0))])
     cosine = 0.5 * (np.trace(frame) - 1.0)

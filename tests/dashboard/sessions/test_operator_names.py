@@ -1,4 +1,4 @@
-"""Control asked for and handed over between operators whose names the bus cannot spell."""
+"""Handover between operators whose names are not valid on the bus."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def lease_of(page: FleetPage) -> dict[str, str]:
 
 
 def named(page: FleetPage, role: str) -> str | None:
-    """Return the name that the page shows for the holder or the one who asks."""
+    """Return the name that the page shows for the holder or the requester."""
     return page.all("state")[-1]["status"]["operators"].get(lease_of(page)[role])
 
 

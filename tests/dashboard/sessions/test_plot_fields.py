@@ -1,4 +1,4 @@
-"""Values for plots: what a page requests is what the robot sent, and nothing else is sent."""
+"""Plot values: a page receives exactly the fields it requests, as sent by the robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The joints for a twist before anything moves, and what holds a moving robot back."""
+"""Preview of joints for a twist, and the factors that limit a moving robot."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ FAST: dict[str, float] = {"speed_mps": 1000.0, "turn_rate_rad_per_s": 1e4}
 
 
 def feed_of(robot_id: str, rpm: float | None = None, **limits: float) -> Any:
-    """A robot with a status and other limits of its description."""
+    """A robot with a status and modified limits."""
     robot = load_robot(robot_id)
     limited = msgspec.structs.replace(robot.limits, **limits)
     feed = RobotFeed(robot_id, msgspec.structs.replace(robot, limits=limited))
@@ -49,7 +49,7 @@ def preview(feed: Any, *twist: float) -> JointPreview:
 def test_a_preview_leans_each_axle_as_its_pivot_needs_at_the_current_wheel_speed(
     rpm: float,
 ) -> None:
-    """By rolling: a wheel that leans to the left of its push moves it at r omega sin(tilt)."""
+    """By rolling, a wheel leaning to the left of its push moves it at r omega sin(tilt)."""
     vx, vy, omega = 0.4, -0.2, 0.8
     found = preview(feed_of("tsd", rpm), vx, vy, omega)
     assert found.twist == (vx, vy, omega)
@@ -124,7 +124,7 @@ def test_wheels_without_gimbals_push_along_their_direction(robot_id: str) -> Non
 
 
 def driving(applied: float, twist: tuple[float, ...]) -> RobotState:
-    """State of a robot that drives at `twist`, a fraction `applied` of what is requested."""
+    """State of a robot that drives at `twist`, which is `applied` times the request."""
     feed: Any = feed_of("tsd", 2500.0)
     joints: Array = feed.kinematics.inverse(np.array(twist))
     feed.say(joints=joints, setpoint=joints)
@@ -162,7 +162,7 @@ def test_a_robot_that_is_held_back_names_the_limit(
 
 
 class WatchedScene(EmptyScene):
-    """A scene that notes the previews of pages."""
+    """A scene that records the previews of pages."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -201,7 +201,7 @@ def test_a_page_that_only_looks_is_answered_and_moves_its_picture(place: Any) ->
         page.until(lambda: page.last("preview")["twist"][0] == 0.1)
         assert page.mode == "disarmed"
         assert not other.all("preview")
-    eventually(lambda: place.scene.previews[-1][2] is None)  # A page that has left shows nothing.
+    eventually(lambda: place.scene.previews[-1][2] is None)  # The page has left.
 
 
 def test_a_preview_is_sent_again_when_the_wheel_speed_changes(place: Any) -> None:

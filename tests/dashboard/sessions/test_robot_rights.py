@@ -1,4 +1,4 @@
-"""Pages whose user may use or watch some of the robots only, in virtual time."""
+"""Pages of users limited to some robots, in virtual time."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ async def select(page: FleetPage, robot: str) -> None:
 
 
 async def everything(page: FleetPage) -> None:
-    """Ask for all that a page can show, of all robots."""
+    """Request all data that a page can show, for all robots."""
     page.send(t="fleet", on=True)
     page.send(t="map", on=True)
     for robot in (HIDDEN, SEEN, OWN):
@@ -114,7 +114,7 @@ def test_a_stop_of_all_reaches_all_that_the_page_shows_and_no_other(fleet: Virtu
 
 
 def test_a_stop_without_a_visible_robot_reaches_no_other(fleet: VirtualFleet) -> None:
-    """A page without a robot stops all live ones, as far as it may watch them."""
+    """STOP on a page without a robot stops all live robots that its user may watch."""
 
     async def work(page: FleetPage) -> None:
         reply = await answer(page, "stop", t="stop")

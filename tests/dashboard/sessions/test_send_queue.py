@@ -1,4 +1,4 @@
-"""What waits for a slow page is bounded, and of pictures it gets the newest."""
+"""The queue for a slow page is bounded, and keeps only the latest states."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tsd_twin.dashboard.sessions.send_queue import MAX_QUEUED, MAX_UNACKNOWLEDGE
 
 
 class Pipe:
-    """A socket that takes frames as long as its gate is open."""
+    """A socket that accepts frames while its gate is open."""
 
     def __init__(self) -> None:
         self.sent_commands: list[str] = []
@@ -25,14 +25,14 @@ class Pipe:
 
 
 def deliver(act: Callable[[SendQueue, Pipe], None]) -> list[str]:
-    """What reaches the socket when `act` has been done and everything has come to rest."""
+    """Run `act`, let all tasks settle, and return the frames that reached the socket."""
 
     async def run() -> list[str]:
         queue, pipe = SendQueue(), Pipe()
         task = asyncio.create_task(queue.run(pipe))
         act(queue, pipe)
         pipe.gate.set()
-        for _ in range(4 * MAX_QUEUED):  # More turns of the loop than there can be messages.
+        for _ in range(4 * MAX_QUEUED):  # More loop turns than there can be messages.
             await asyncio.sleep(0)
         task.cancel()
         return pipe.sent_commands
@@ -62,7 +62,7 @@ def test_of_states_that_wait_only_the_newest_is_sent(count: int) -> None:
 
 @given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 3)), max_size=40))
 def test_no_state_is_sent_twice(steps: list[tuple[int, int]]) -> None:
-    """Also when it is put again by two callbacks in a row; only another robot starts again."""
+    """Even if two callbacks in a row put it; only a new robot resets this."""
 
     async def run() -> list[str]:
         queue, pipe, number = SendQueue(), Pipe(), 0
@@ -72,7 +72,7 @@ def test_no_state_is_sent_twice(steps: list[tuple[int, int]]) -> None:
             queue.put_state(number, str(number))
             for _ in range(turns):
                 await asyncio.sleep(0)
-            for text in pipe.sent_commands:  # Only what was sent can be acknowledged.
+            for text in pipe.sent_commands:  # Only sent messages can be acknowledged.
                 queue.acknowledge(int(text))
         for _ in range(4):
             await asyncio.sleep(0)
@@ -112,7 +112,7 @@ def test_a_page_that_confirms_nothing_is_sent_no_more_states_until_it_does() -> 
 
     before, after = asyncio.run(run())
     assert before == [str(number) for number in range(MAX_UNACKNOWLEDGED)]
-    # Six of twelve were confirmed, so six may follow, the first of them the newest that waited.
+    # Six of twelve were acknowledged, so six may follow, starting with the latest queued state.
     assert after == ["99", *(str(number) for number in range(100, 105))]
 
 

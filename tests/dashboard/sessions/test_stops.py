@@ -1,4 +1,4 @@
-"""Stops: of the robot by itself, however short, and by a page, before anything else happens."""
+"""Automatic stops, however short, and STOP by a page, before any other event."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from tests.support.page_client import site
 from tests.support.recorders import settle
 from tsd_twin.dashboard.sessions.session import Session
 from tsd_twin.dashboard.wire.to_page import RobotState
-from tsd_twin.messages.commands import Sample, decode_command
+from tsd_twin.messages.commands import decode_command
 from tsd_twin.messages.status import LeaseStatus
-from tsd_twin.messages.topics import Service
+from tsd_twin.messages.topics import Sample, Service
 
 
 async def say_once_more(session: Session, state: RobotState) -> None:
-    """Let the session hear a state that differs from the last by a stop."""
+    """Pass the session a state with one more stop."""
     status = replace(state.status, stops=state.status.stops + 1)
     session.decide(status)
 
 
 def test_a_stop_between_two_states_that_both_say_driving_lets_go() -> None:
-    """The robot counts its stops: it may have stopped and begun again since the last word of it."""
+    """The stop counter reveals a stop and restart between two states."""
     with site() as served, served.page() as page:
         page.make_ready()
         sessions = served.sessions
@@ -56,14 +56,14 @@ def test_a_stop_is_published_before_the_controls_are_released() -> None:
 
 
 async def show_stopped(session: Session, state: RobotState) -> bool:
-    """Show a state of a stopped robot without its lease, and return whether control is held."""
+    """Show a stopped robot without its lease, and return whether control is held."""
     status = replace(state.status, mode="stopped", lease=LeaseStatus(holder="bob"))
     session.show(replace(state, status=status, status_seq=state.status_seq + 1))
     return session._lease_client.lease is not None
 
 
 def test_what_is_shown_decides_nothing() -> None:
-    """The robot drives on: only its own status, which comes in, ends a motion or a lease."""
+    """Only a status from the robot ends a motion or a lease, so it keeps driving."""
     with site() as served, served.page() as page:
         page.make_ready()
         page.drive()
@@ -74,5 +74,5 @@ def test_what_is_shown_decides_nothing() -> None:
         page.until(lambda: page.mode == "stopped")
         settle(page)
         reasons = [message["why"]["code"] for message in page.all("released")[before:]]
-        # A busy machine may let go of a page that is late.
+        # A busy machine may release the controls of a late page.
         assert not {"reset_first", "stopped_by_itself", "control_is_lost"}.intersection(reasons)

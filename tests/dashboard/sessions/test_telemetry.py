@@ -1,4 +1,4 @@
-"""What pages are told about robots of every kind."""
+"""Telemetry sent to pages, for all kinds of robots."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_the_card_of_a_robot_by_ros_says_what_is_not_promised() -> None:
 
 @pytest.mark.parametrize("sides", [(-1.0, -1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, 1.0)])
 def test_the_rows_in_contact_are_told_from_the_motion(sides: tuple[float, ...]) -> None:
-    """Wheel speeds made by the exact rows give the rows back, and how far the models differ."""
+    """Wheel speeds from exact row positions yield those rows and the model difference."""
     drive = SPHERE.kinematics()
     feed = RobotFeed("atlas", SPHERE)
     twist = np.array([0.9, -0.5, 0.7])
@@ -65,7 +65,7 @@ def test_the_rows_in_contact_are_told_from_the_motion(sides: tuple[float, ...]) 
     ideal = drive.forward(joints).twist
     cosine = ideal @ twist / np.linalg.norm(ideal) / np.linalg.norm(twist)
     assert ball.angle_deg == pytest.approx(np.degrees(np.arccos(cosine)), abs=0.01)
-    # No more than the offset of a contact can turn it by, which the paper has as 3.2 degrees.
+    # At most the angle that a contact offset can cause, 3.2° in the paper.
     assert 0.0 < ball.angle_deg < 5.0
     assert state["estimate_difference"].degrees == pytest.approx(np.degrees(0.1), abs=0.01)
 

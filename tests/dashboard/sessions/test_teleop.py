@@ -1,4 +1,4 @@
-"""What page and gateway say to each other, over real sockets, a real bus and a real node."""
+"""Messages between page and gateway over real sockets, a real bus and a real node."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def test_what_is_no_message_is_counted_and_answered_once(
         page.make_ready()
         commands = CommandRecorder(served, page)
         before = served.sessions.rejected
-        times = 50 if len(garbage) < 1000 else 10  # More bytes than that are a flood.
+        times = 50 if len(garbage) < 1000 else 10  # More bytes would count as a flood.
         for _ in range(times):
             page.send_raw(garbage)
         page.until(lambda: served.sessions.rejected == before + times)
@@ -129,7 +129,7 @@ def test_what_is_no_message_is_counted_and_answered_once(
         assert [reply["to"] for reply in page.all("reply")].count("message") == 1
         assert commands.take() == []
         assert page.closed is None
-        page.drive()  # It is none the worse for it.
+        page.drive()  # Driving still works.
 
 
 def test_a_message_of_unreasonable_length_closes_the_socket(served: Site) -> None:

@@ -1,4 +1,4 @@
-"""The generated TypeScript agrees with messages, codes and sentences of the server, and texts."""
+"""The generated TypeScript matches the server's messages, codes, sentences and texts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.support.page_stage import robot
 from tsd_twin.dashboard.wire import to_page
 from tsd_twin.dashboard.wire.from_page import Message, PageMessage, RecordedPageMessage
 from tsd_twin.dashboard.wire.to_page import encode_message
-from tsd_twin.dashboard.wire.typescript import FOLDER, generated, wire_module
+from tsd_twin.dashboard.wire.typescript import FOLDER, generated, wire_module, wire_structs
 from tsd_twin.messages.codes import PARAMETERS
 
 INTERFACES: dict[str, str] = dict(
@@ -26,7 +26,7 @@ def members(union: str) -> set[str]:
 
 
 def properties(name: str) -> dict[str, bool]:
-    """Names of the properties of an interface, and whether they may be missing."""
+    """Property names of an interface, and whether they are optional."""
     found = re.findall(r"^  (\w+)(\??):", INTERFACES[name], re.MULTILINE)
     return {each: mark == "?" for each, mark in found}
 
@@ -94,3 +94,29 @@ def test_codes_and_sentences_are_those_of_the_robot() -> None:
     assert set(re.findall(r"^  (\w+): ", templates, re.MULTILINE)) == set(map(str, PARAMETERS))
     assert "  stop_requested: { by?: string };\n" in codes
     assert '  stop_requested: { by: "operator", cause: "cause" },\n' in codes
+
+
+PAGE = "\n".join(
+    re.sub(r"/\*.*?\*/|(?<!:)//[^\n]*", "", path.read_text("utf-8"), flags=re.DOTALL)
+    for path in sorted(FOLDER.parent.rglob("*.ts*"))
+    if FOLDER not in path.parents
+)
+
+
+def is_read(name: str) -> bool:
+    """Return whether the page names a property: by a dot, in a pattern, or as a key."""
+    return re.search(rf'\.{name}\b|[{{,]\s*{name}\s*[,}}:=]|"{name}"', PAGE) is not None
+
+
+def test_the_page_reads_every_field_that_the_server_sends() -> None:
+    """Exempt are numbers in a state that only the plots read, and messages of the bus."""
+    plotted = {"truth", "mode_age_s", "estimate_difference", "degrees"}
+    sent = {
+        f"{struct.__name__}.{field}"
+        for struct in wire_structs()
+        if struct not in {*get_args(PageMessage), *get_args(RecordedPageMessage)}
+        for field in struct.__struct_fields__
+        if field not in plotted and not is_read(field)
+    }
+    assert sent == set()
+    assert not is_read("alpha_setpoint")

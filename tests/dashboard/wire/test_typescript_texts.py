@@ -1,4 +1,4 @@
-"""The generated type of the texts of the page has their nesting, and a function per template."""
+"""The generated type of the page texts has their nesting, and a function per template."""
 
 from __future__ import annotations
 

@@ -24,6 +24,7 @@ export type ParameterType =
   | "trip"
   | "obstacle"
   | "reset cause"
+  | "since"
   | "cause";
 
 /** Type of each parameter by code and name; `cause` is in `Reason.cause`. */
@@ -151,6 +152,7 @@ export const PARAMETERS = {
   servo_warm: { celsius: "°C", limit_c: "°C" },
   servos_cooled: {},
   actuator_suspect: { actuator: "name" },
+  actuators_contradict: { actuators: "name" },
   pose_reset: { metres: "m", deg: "deg" },
   duplicate_id_gone: { robot: "name" },
   recording_paused: { text: "text" },
@@ -213,6 +215,18 @@ export const PARAMETERS = {
   off_path: { metres: "m", deg: "deg" },
   no_progress: {},
   stays_from_goal: { metres: "m" },
+  servo_slower: { joint: "name", percent: "%", since: "since" },
+  wheel_slower: { wheel: "name", percent: "%", since: "since" },
+  wheels_slower: { percent: "%", since: "since" },
+  wheel_weaker: { wheel: "name", percent: "%", since: "since" },
+  wheels_weaker: { percent: "%", since: "since" },
+  wheel_worn: { wheel: "name", percent: "%", since: "since" },
+  wheels_worn: { percent: "%", since: "since" },
+  gimbal_aside: { joint: "name", deg: "deg", since: "since" },
+  battery_lower: { volts: "V", lost: "V" },
+  unknown_part: { parts: "name" },
+  unknown_wheel: { parts: "name" },
+  speeds_unmeasured: {},
 } satisfies Record<string, Readonly<Record<string, ParameterType>>>;
 
 /** Code of this version; a newer robot may send another one. */
@@ -337,6 +351,7 @@ export interface CodeParameters {
   servo_warm: { celsius: number; limit_c: number };
   servos_cooled: Record<string, never>;
   actuator_suspect: { actuator: string };
+  actuators_contradict: { actuators: string };
   pose_reset: { metres: number; deg: number };
   duplicate_id_gone: { robot: string };
   recording_paused: { text: string };
@@ -399,4 +414,16 @@ export interface CodeParameters {
   off_path: { metres: number; deg: number };
   no_progress: Record<string, never>;
   stays_from_goal: { metres: number };
+  servo_slower: { joint: string; percent: number; since?: string };
+  wheel_slower: { wheel: string; percent: number; since?: string };
+  wheels_slower: { percent: number; since?: string };
+  wheel_weaker: { wheel: string; percent: number; since?: string };
+  wheels_weaker: { percent: number; since?: string };
+  wheel_worn: { wheel: string; percent: number; since?: string };
+  wheels_worn: { percent: number; since?: string };
+  gimbal_aside: { joint: string; deg: number; since?: string };
+  battery_lower: { volts: number; lost: number };
+  unknown_part: { parts?: string };
+  unknown_wheel: { parts: string };
+  speeds_unmeasured: Record<string, never>;
 }

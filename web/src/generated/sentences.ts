@@ -121,6 +121,7 @@ const templates = {
   servo_warm: "a servo has {celsius} °C: at {limit_c} °C the robot slows down",
   servos_cooled: "the servos have cooled: the robot drives as usual",
   actuator_suspect: "{actuator} contradicts the others",
+  actuators_contradict: "one of {actuators} contradicts the others",
   pose_reset: "the pose sensor is {metres:.2} m and {deg} degrees off the estimate, at rest: the estimate is reset to it",
   duplicate_id_gone: "no other robot has the id '{robot}' any more",
   recording_paused: "the recording stands still: {text}. Driving goes on",
@@ -183,6 +184,18 @@ const templates = {
   off_path: "the robot is {metres} and {deg} off its path",
   no_progress: "the robot makes no progress",
   stays_from_goal: "the robot stays {metres} from its goal",
+  servo_slower: "the servo of {joint} follows {percent} % slower[, {since}]",
+  wheel_slower: "{wheel} turns {percent} % slower than its set-point[, {since}]",
+  wheels_slower: "all wheels turn {percent} % slower than their set-points[, {since}]",
+  wheel_weaker: "{wheel} drives the robot {percent} % less than its set-point[, {since}]",
+  wheels_weaker: "all wheels drive the robot {percent} % less than their set-points[, {since}]",
+  wheel_worn: "{wheel} drives the robot {percent} % less than it turns[, {since}]",
+  wheels_worn: "all wheels drive the robot {percent} % less than they turn[, {since}]",
+  gimbal_aside: "{joint} is {deg:+.1}° off its measured angle[, {since}]",
+  battery_lower: "the battery has {volts:.1} V, {lost:.1} V less than expected",
+  unknown_part: "the motion differs from the joints, and the part is not known[: one of {parts}]",
+  unknown_wheel: "wheel speeds differ from their set-points: one of {parts}",
+  speeds_unmeasured: "wheel speeds are not measured: a slow wheel shows only with a pose sensor or a gyro",
 } satisfies Record<Code, string>;
 
 /** Texts of the words of each type of parameter that has a fixed list. */
@@ -197,6 +210,7 @@ const words = {
     stopped: "stopped",
     fault: "fault",
   },
+  since: { start: "from the start" },
   "latched mode": { stopped: "stopped", fault: "in a fault" },
   request: {
     acquire: "acquire control",
@@ -247,6 +261,7 @@ const words = {
     line: "the line from the computer lost bytes, and kept the board from its servos",
     drive: "the stop circuit opened: the speed controllers lost their power",
     following: "a gimbal does not follow its goal: it is stuck, or its servo is",
+    wheel: "a wheel does not follow its throttle",
     stopped: "STOP",
   },
   obstacle: {

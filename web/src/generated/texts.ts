@@ -301,6 +301,7 @@ export interface Table {
       readonly wheelsAgree: string;
       readonly threeWheels: string;
       readonly contradicts: (name: Value) => string;
+      readonly oneContradicts: string;
       readonly doesNotFollow: (name: Value, gimbal: Value, off: Value) => string;
       readonly shutOff: string;
       readonly pushes: string;

@@ -92,8 +92,6 @@ export interface FleetRobot {
   wheel_count: number;
   /** A robot on the floor has a pose; a sphere has none. */
   space: "floor" | "sphere";
-  /** Radius around the base. */
-  reach_m: number;
   /** Only a `robot` can be stopped or driven; `several` robots share one id. */
   source: "recording" | "robot" | "several";
   /** Whether no state has arrived for a second; all other fields are then the last known. */
@@ -200,8 +198,6 @@ export interface StudentFigures {
   wheels: StudentWheel[];
   /** Wheel radius. */
   radius_m: number;
-  /** Quantity computed from the other one. */
-  solved: "joints" | "twist";
   /** Root mean square of the least-squares residual at the contacts; zero if the joints agree. */
   residual_mps: number;
   /** Number of equations beyond three; without any, joints never contradict each other. */
@@ -251,9 +247,6 @@ export interface StudentWheel {
   gimbal: [number, number, number] | null;
   /** Horizontal part of the unit vector along the axle. */
   axle: [number, number] | null;
-  effective_radius_mm: number | null;
-  /** Speed at the contact that contradicts the twist; zero if the joints agree. */
-  residual_mps: number;
 }
 
 /** Equation with its current values. */
@@ -265,8 +258,6 @@ export interface Equation {
   values: (number | null)[];
   /** Unit of each value. */
   units: string[];
-  /** Meaning of the values: one per module or wheel, a twist, a point or vector, or a number. */
-  over: "actuators" | "one" | "point" | "twist";
   /** Source, or "" if it is derived in `docs/kinematics.md` only. */
   paper: string;
   /** Number of the equation in the paper. */
@@ -319,7 +310,6 @@ export interface RobotInfo {
   id: string;
   title: string;
   limits: SpeedLimits;
-  levels: number[];
   /** Pose type: a robot on a floor, or a sphere rotating in place. */
   space: "floor" | "sphere";
   /** Components of `drive`, `twist` and `commanded`, in this order. */
@@ -337,8 +327,6 @@ export interface RobotInfo {
   wheel_speed_limits: WheelSpeedLimits | null;
   /** Names of the rolling wheels. */
   wheels: string[];
-  /** Maximum speed of the rolling wheels. */
-  max_rpm: number | null;
   /** Rows of the panel `joints`. */
   joints: JointInfo[];
   /** Source of the alternative estimate, if the robot has one. */
@@ -592,9 +580,6 @@ export interface GimbalState {
   push: [number, number];
   rpm: number;
   radius_mm: number;
-  alpha_setpoint: number;
-  beta_setpoint: number;
-  set_axle: [number, number];
   spinning: boolean;
   /** Commanded joints; the push is for the measured wheel speed. */
   setpoint: GimbalPose;
@@ -712,8 +697,8 @@ export interface ShadowReport {
   /** Null during the first second of comparison. */
   pose: PoseComparison | null;
   drifts: Drift[];
-  /** Reason why some test is not possible, or "". */
-  note: string;
+  /** Reason why some test is not possible. */
+  note: Reason | null;
 }
 
 /** Measured and simulated value of a joint, and the tolerance band of their difference. */
@@ -739,10 +724,10 @@ export interface PoseComparison {
 
 /** A part that differs from its description or from its earlier behaviour. */
 export interface Drift {
-  /** Comma-separated joints, `wheels` for all wheels, or `battery`. */
+  /** Joint, `wheels` for all wheels, `battery`, or "" if the part is not known. */
   part: string;
-  /** One sentence. */
-  text: string;
+  /** Code and parameters of the difference. */
+  why: Reason;
 }
 
 /** Lines of the map, sent when it is opened and when the planned paths change. */
@@ -858,7 +843,6 @@ export interface HeartbeatReply {
 /** Recordings, titles, marks or the trash have changed; fetch the list again if it is shown. */
 export interface RecordingsChanged {
   t: "recordings_changed";
-  revision: number;
 }
 
 /** Timeline of the recording. */
@@ -1182,7 +1166,7 @@ export interface CameraEntry {
 export interface PictureRequest {
   /** Width of the pane, in pixels of the screen. */
   width: number;
-  /** Recent round trip between page and dashboard. */
+  /** Least recent round trip between page and dashboard. */
   rtt_ms: number;
   /** Time from the arrival of the previous picture to this request. */
   held_ms: number;
@@ -1194,8 +1178,6 @@ export interface RowDetails {
   drivers: string[];
   stops: number;
   faults: number;
-  /** Different faults, at most ten. */
-  fault_texts: string[];
   paths: RecordedPath[];
 }
 
@@ -1230,8 +1212,6 @@ export interface RecordingRow {
   duration_s: number;
   robots: string[];
   size_bytes: number;
-  /** Whether it ends with an index; false while it is written, and if it was truncated. */
-  is_whole: boolean;
   /** Whether a recorder is writing it; it cannot be deleted then. */
   writing: boolean;
   /** Number of marks. */
@@ -1254,8 +1234,4 @@ export interface TrashRow {
   /** Wall-clock time. */
   deleted_ms: number;
   size_bytes: number;
-  /** Latest time of the final removal; earlier if the trash exceeds its size limit. */
-  expires_ms: number;
-  /** Until then it is not removed, whatever the size of the trash. */
-  kept_until_ms: number;
 }

@@ -218,14 +218,14 @@ function* shadowRows({ compared_s, joints, pose, drifts, note }: ShadowReport): 
     const about = `±${figure(band, decimals)} ${unit}`;
     return { ...reading("compared", value, decimals, unit, { ...limits, about }), name };
   };
-  for (const { part, text } of drifts)
-    yield { ...fact("drift", "", 1, text), name: actuator(part) };
+  for (const { part, why } of drifts)
+    yield { ...fact("drift", "", 1, sentence(why)), name: part ? actuator(part) : rows.drift };
   for (const { name, unit, measured, simulated, band } of joints)
     yield compare(actuator(name), measured === null ? null : measured - simulated, band, unit);
   for (const [i, name] of pose?.names.entries() ?? [])
     yield compare(`${rows.motion} ${name}`, pose!.difference[i]!, pose!.band[i]!, pose!.units[i]!);
   yield reading("comparedFor", compared_s, 0, "s");
-  if (note) yield plain(rows.note, note);
+  if (note) yield plain(rows.note, sentence(note));
 }
 
 type Facts = Record<string, unknown>;

@@ -92,9 +92,9 @@ function Wheels(shown: Shown) {
 /** Whether the actuators agree on one motion, and which of them does not. */
 function Agreement(shown: Shown) {
   const { agreement, unexplained } = texts().panel.modules;
-  const { residual_mps, suspect } = shown.state?.status.consistency ?? {};
+  const { residual_mps, suspect, level = 0 } = shown.state?.status.consistency ?? {};
   return (
-    <section class={suspect ? "sec suspect" : "sec"}>
+    <section class={suspect || level > 1 ? "sec suspect" : "sec"}>
       <h2>
         {agreement}
         <small>
@@ -110,8 +110,9 @@ function verdictOf(shown: Shown): string | null {
   const { modules: words } = texts().panel;
   const { robot, state } = shown;
   if (state === null) return null;
-  const { suspect } = state.status.consistency;
+  const { suspect, level } = state.status.consistency;
   if (suspect === null) {
+    if (level > 1) return words.oneContradicts;
     if (robot.panel === "gimbals") return words.modulesAgree;
     return robot.wheels.length < 4 ? words.threeWheels : words.wheelsAgree;
   }
@@ -119,9 +120,8 @@ function verdictOf(shown: Shown): string | null {
   const name = found?.name ?? suspect;
   const off = (angle: "alpha" | "beta") =>
     Math.abs((found?.measured?.[angle] ?? 0) - (found?.goal?.[angle] ?? 0));
-  const offDeg = Math.max(off("alpha"), off("beta"));
+  const [gimbal, offDeg] = off("beta") > off("alpha") ? ["β", off("beta")] : ["α", off("alpha")];
   if (offDeg < OFF_DEG) return words.contradicts(name);
   const end = SHUT_OFF.has(state.status.mode) ? words.shutOff : words.pushes;
-  const gimbal = off("beta") > off("alpha") ? "β" : "α";
   return `${words.doesNotFollow(name, gimbal, figure(offDeg, 1))} ${end}`;
 }

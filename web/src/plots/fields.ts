@@ -72,10 +72,11 @@ export function valueOf(field: PlotField | undefined, state: object): number {
 
 function fieldOf(path: string[], keys: string[], ofElement = ""): PlotField {
   const [parent, last] = [path.at(-2) ?? "", path.at(-1) ?? ""];
-  const base = last.replace(/^set_|_setpoint$/, ""); // Set-points share the plot of the measured value.
+  const base = last.replace(/_setpoint$/, ""); // Set-points share the plot of the measured value.
   const { quantity, unit: own } = quantityOf(base);
   const unit = own ?? quantityOf(parent).unit ?? UNITS[base] ?? ofElement;
-  const isActuator = path.length === 3 && ACTUATORS.has(path[0]!);
+  const length = path.indexOf("setpoint") > 0 ? 4 : 3;
+  const isActuator = path.length === length && ACTUATORS.has(path[0]!);
   const has = (...names: string[]) => names.some((name) => path.includes(name));
   const title = () => {
     if (has("twist", "commanded", "requested")) return unit === "m/s" ? "Velocity" : "Turn rate";
@@ -85,7 +86,6 @@ function fieldOf(path: string[], keys: string[], ofElement = ""): PlotField {
     return words.charAt(0).toUpperCase() + words.slice(1);
   };
   const isSet = has("commanded", "setpoint") || last !== base;
-  const isOther = has("requested", "truth", "alternative");
   return {
     name: path.join("."),
     keys,
@@ -93,7 +93,7 @@ function fieldOf(path: string[], keys: string[], ofElement = ""): PlotField {
     decimals: DECIMALS[unit] ?? 2,
     title: title(),
     part: isActuator ? path[1]! : quantity.replaceAll("_", " "),
-    line: isSet ? "set" : isOther ? "other" : "measured",
+    line: isSet ? "set" : has("requested", "truth", "alternative") ? "other" : "measured",
   };
 }
 

@@ -1,7 +1,7 @@
 // Map: a small picture of the floor from above. A click on it plans a path, with the same request as
 // a click in the scene; nothing moves.
 
-import { effect, signal, untracked } from "@preact/signals";
+import { computed, effect, signal, untracked } from "@preact/signals";
 import { isOnFloor } from "../drive/axes";
 import type { MapLines, MapRobot } from "../generated/wire";
 import { type Session, useSession } from "../session";
@@ -19,6 +19,7 @@ const LEAST_RADIUS_PX = 6;
 
 export class FloorMap {
   readonly open;
+  private readonly state;
   readonly large = signal(false);
   readonly view = new MapView();
   readonly picker: Picker;
@@ -26,7 +27,9 @@ export class FloorMap {
   trails: Record<string, Trail> = {};
 
   constructor({ link, path, layout }: Session) {
-    this.open = remembered("tsd-map", !layout.narrow.peek(), isFlag);
+    const [wide, narrow] = [remembered("tsd-map", true, isFlag), signal(false)];
+    this.state = computed(() => (layout.narrow.value ? narrow : wide));
+    this.open = computed(() => this.state.value.value);
     this.picker = new Picker(path, {
       on: "floor",
       toPlace: (pixel, size) => this.view.toPlace(pixel, size),
@@ -53,7 +56,7 @@ export class FloorMap {
   }
 
   toggle(): void {
-    this.open.value = !this.open.peek();
+    this.state.peek().value = !this.open.peek();
     this.large.value = false;
   }
 }

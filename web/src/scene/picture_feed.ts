@@ -158,7 +158,7 @@ export class PictureFeed {
   #ask(socket: WebSocket, arrivedMs = performance.now()): void {
     const request: PictureRequest = {
       width: Math.round(this.widthPx),
-      rtt_ms: this.link.pageMs ?? 0,
+      rtt_ms: Math.min(this.link.pageMs ?? 0, ...this.link.trips),
       held_ms: performance.now() - arrivedMs,
     };
     if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(request));
@@ -176,11 +176,11 @@ export class PictureFeed {
     const bitmap = await createImageBitmap(jpeg).catch(() => null);
     this.#ask(socket, arrivedMs);
     if (bitmap === null) return;
-    if (number < this.#number || !this.#sockets.has(socket)) return bitmap.close();
-    const canvas = this.#canvas;
-    if (canvas && (canvas.width !== bitmap.width || canvas.height !== bitmap.height))
+    const canvas = this.#canvas; // Without one the picture is not shown, so its age does not count.
+    if (number < this.#number || !this.#sockets.has(socket) || !canvas) return bitmap.close();
+    if (canvas.width !== bitmap.width || canvas.height !== bitmap.height)
       Object.assign(canvas, { width: bitmap.width, height: bitmap.height });
-    canvas?.getContext("2d")?.drawImage(bitmap, 0, 0);
+    canvas.getContext("2d")?.drawImage(bitmap, 0, 0);
     bitmap.close();
     this.#exposedMs = sentMs + clockMs - ageMs;
     this.outlines.value = parsed(data.slice(HEADER_BYTES, HEADER_BYTES + outlines));

@@ -62,7 +62,7 @@ export class Link {
   #socket: WebSocket | null = null;
   #requestedRobot: string | null = null;
   #loadingBeats = LOADING_BEATS;
-  #trips: number[] = [];
+  trips: number[] = [];
   #seen: number[] = []; // Sequence numbers of the latest states.
   #beatMs = performance.now();
   #silentMs = 0; // Time without an echo while the page was running.
@@ -141,7 +141,7 @@ export class Link {
 
   #onClose(): void {
     this.#socket = null;
-    this.#trips = [];
+    this.trips = [];
     this.#seen = [];
     this.pageMs = this.pageJitterMs = null;
     if (this.connected.peek()) {
@@ -214,9 +214,9 @@ export class Link {
 
   #measure(sentMs: number): void {
     this.#silentMs = 0;
-    this.#trips = [...this.#trips, performance.now() - sentMs].slice(-MAX_ROUND_TRIPS);
-    this.pageMs = quantile(this.#trips.slice(-9), 0.5);
-    this.pageJitterMs = quantile(this.#trips, 0.95) - quantile(this.#trips, 0.5);
+    this.trips = [...this.trips, performance.now() - sentMs].slice(-MAX_ROUND_TRIPS);
+    this.pageMs = quantile(this.trips.slice(-9), 0.5);
+    this.pageJitterMs = quantile(this.trips, 0.95) - quantile(this.trips, 0.5);
   }
 
   /** Detect lost states by their sequence numbers. */

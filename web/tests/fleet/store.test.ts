@@ -13,7 +13,6 @@ const ROBOT: FleetRobot = {
   panel: "gimbals",
   wheel_count: 3,
   space: "floor",
-  reach_m: 0.3,
   source: "robot",
   silent: false,
   age_s: 0,

@@ -4,6 +4,7 @@ import { inspect } from "../../src/health/verdict.ts";
 import { quality } from "../../src/store/quality.ts";
 import { texts } from "../../src/text/text.ts";
 import { connect, ROBOT, statusOf } from "../support/fake_link.ts";
+import { sentence } from "../../src/text/reasons";
 
 type Change = { state?: object; status?: Record<string, unknown> };
 
@@ -29,17 +30,20 @@ const shadow = (measured: number): Change => ({
       joints: [{ name: "module1_alpha", unit: "°", measured, simulated: 0, band: 1, inside: true }],
       pose: null,
       drifts: [],
-      note: "",
+      note: null,
     },
   },
 });
-const drifts = (...texts: string[]): Change => ({
+const drifts = (...percents: number[]): Change => ({
   state: {
     shadow: {
       joints: [],
       pose: null,
-      note: "",
-      drifts: texts.map((text) => ({ part: "wheels", text })),
+      note: null,
+      drifts: percents.map((percent) => ({
+        part: "wheels",
+        why: { code: "wheels_slower", params: { percent } },
+      })),
     },
   },
 });
@@ -84,7 +88,7 @@ const TABLE: [string, Change, Change, Level, Change?][] = [
   ],
   [rows.warning, hardware({ warnings: [] }), hardware({ warnings: ["Low supply."] }), 1],
   ["module1 alpha", shadow(-0.9), shadow(-1.1), 1],
-  ["wheels", drifts(), drifts("All wheels turn slower."), 1],
+  ["wheels", drifts(), drifts(5), 1],
 ];
 
 function judge(change: Change, before?: Change) {
@@ -224,13 +228,16 @@ test("The shadow twin has a row for each joint and each part of the motion, and 
   ];
   const pose = { names: ["ahead", "left", "heading"], units: ["mm", "mm", "°"], inside: false };
   const motion = { ...pose, difference: [12, -3, 4], band: [20, 20, 2] };
-  const text = "The servo of module 1 alpha follows 30 % slower.";
-  const named = { drifts: [{ part: "module1_alpha", text }], note: "Not at rest." };
+  const why = { code: "servo_slower", params: { joint: "module1_alpha", percent: 30 } };
+  const unknown = { part: "", why: { code: "unknown_part" } };
+  const note = { code: "speeds_unmeasured" };
+  const named = { drifts: [{ part: "module1_alpha", why }, unknown], note };
   const change = { state: { shadow: { compared_s: 61, joints, pose: motion, ...named } } };
   const shadow = judge(change).report.groups.shadow!;
   const shown = shadow.map(({ name, value, unit, level }) => [name, `${value} ${unit}`, level]);
   expect(shown).toEqual([
     ["module1 alpha", " ", 1],
+    [rows.drift, " ", 1],
     ["module1 alpha", "−0.50 °", 1],
     ["module1 beta", "0.05 °", 0],
     ["module1 wheel", "– rpm", 0],
@@ -238,8 +245,9 @@ test("The shadow twin has a row for each joint and each part of the motion, and 
     [`${rows.motion} left`, "−3 mm", 0],
     [`${rows.motion} heading`, "4.00 °", 1],
     [rows.comparedFor, "61 s", 0],
-    [rows.note, "Not at rest. ", 0],
+    [rows.note, `${sentence(note)} `, 0],
   ]);
-  expect(shadow[0]!.remedy).toBe(text);
+  expect(shadow[0]!.remedy).toBe("The servo of module1_alpha follows 30 % slower.");
+  expect(shadow[1]!.remedy).toContain("the part is not known");
   expect(judge({}).report.groups).not.toHaveProperty("shadow");
 });

@@ -10,9 +10,6 @@ const GOAL = { ...POSE, alpha: 3.1, tilt: 6.5, rpm: 2400 };
 const MODULE = {
   ...POSE,
   rpm: 2390,
-  alpha_setpoint: 3.1,
-  beta_setpoint: 4,
-  set_axle: [0, 0.2],
   radius_mm: 39.8,
   spinning: true,
   setpoint: GOAL,

@@ -26,7 +26,7 @@ async function watched() {
   const { pictures } = page.session;
   pictures.open.value = true;
   const context = { drawImage: (bitmap: ImageBitmap) => drawn.push(bitmap) };
-  pictures.drawOn({ getContext: () => context } as unknown as HTMLCanvasElement);
+  const hide = pictures.drawOn({ getContext: () => context } as unknown as HTMLCanvasElement);
   const settle = () => vi.advanceTimersByTimeAsync(0);
   await settle();
   const stick = { held: false, share: { x: 1, y: 0, turn: 0 }, cancel: () => (stick.held = false) };
@@ -56,7 +56,7 @@ async function watched() {
     page.say({ t: "cameras_changed" });
     await settle();
   };
-  return { ...page, pictures, settle, push, stick, wait, picture, lose };
+  return { ...page, pictures, hide, settle, push, stick, wait, picture, lose };
 }
 
 /** The latest WebSocket for pictures; the first WebSocket of a page carries messages. */
@@ -165,6 +165,13 @@ test("a picture that is none is passed over", async () => {
   vi.stubGlobal("createImageBitmap", async () => Promise.reject(new Error("no picture")));
   await picture(1);
   expect(drawn).toHaveLength(0);
+  expect(pictures.isShown).toBe(false);
+});
+
+test("a picture that arrives before the pane has a canvas counts as not shown", async () => {
+  const { picture, pictures, hide } = await watched();
+  hide();
+  await picture(1);
   expect(pictures.isShown).toBe(false);
 });
 

@@ -82,6 +82,23 @@ test("The layer that takes clicks is there only while a place is chosen and noth
   session.path.letGo();
 });
 
+test("A window that becomes narrow shows the scene, where the map would cover it.", async () => {
+  const { session } = await show();
+  const { narrow } = session.layout;
+  for (const [isNarrow, pressed, expected] of [
+    [false, false, true],
+    [true, false, false],
+    [true, true, true],
+    [false, false, true],
+    [true, true, false],
+  ] as const) {
+    narrow.value = isNarrow;
+    if (pressed) press("KeyN");
+    await settle();
+    expect(find(".inset") !== null).toBe(expected);
+  }
+});
+
 test("A sphere has neither map nor paths.", async () => {
   const { state } = await show({ ...ROBOT, id: "atlas", panel: "sphere", space: "sphere" });
   state({ sphere: { wxyz: [1, 0, 0, 0] } as unknown as SphereState });

@@ -34,8 +34,8 @@ export const STATE = {
   twist: [0.1, 0.2, 0.3],
   commanded: [0.4, 0.5, 0.6],
   modules: [
-    { alpha: 1, alpha_setpoint: 2, tilt: 3, rpm: 2500, axle: [0.1, 0.2], spinning: true },
-    { alpha: 4, alpha_setpoint: 5, tilt: 6, rpm: 2510, axle: [0.3, 0.4], spinning: true },
+    { alpha: 1, setpoint: { alpha: 2 }, tilt: 3, rpm: 2500, axle: [0.1, 0.2] },
+    { alpha: 4, setpoint: { alpha: 5, axle: [0, 0.1] }, tilt: 6, rpm: 2510, axle: [0.3, 0.4] },
   ],
 } as unknown as RobotState;
 

@@ -16,7 +16,6 @@ export const ROBOT = {
   space: "floor",
   panel: "gimbals",
   limits: { speed_mps: 2, turn_rate_rad_per_s: 4 },
-  levels: [20, 50, 80, 100],
   modules: ["module1", "module2", "module3"],
   twist_axes: AXES,
   twist_scale_m: 1,
@@ -26,7 +25,6 @@ export const ROBOT = {
   joints: [],
   plot_fields: [],
   not_promised: [],
-  max_rpm: null,
   wheel_speed_limits: null,
   alternative_estimate: null,
 } as RobotInfo;

@@ -19,11 +19,10 @@ const ROW: RecordingRow = {
   duration_s: 761,
   robots: ["tsd"],
   size_bytes: 18_200_000,
-  is_whole: true,
   writing: false,
   marks: 0,
   notes: [],
-  details: { drivers: ["Eva"], stops: 1, faults: 0, fault_texts: [], paths: [] },
+  details: { drivers: ["Eva"], stops: 1, faults: 0, paths: [] },
   details_pending: false,
 };
 
@@ -170,8 +169,7 @@ test("Changes that others make appear, several of them with one request", async 
   await show();
   answers = (_, path) => ({ body: path.startsWith("?") ? [ROW] : [] });
   asked.length = 0;
-  for (let revision = 0; revision < 20; revision++)
-    wire.hear({ t: "recordings_changed", revision });
+  for (let count = 0; count < 20; count++) wire.hear({ t: "recordings_changed" });
   await settle();
   expect(asked.filter((each) => each.startsWith("GET ?"))).toHaveLength(1);
   expect(page()).toContain("Square");

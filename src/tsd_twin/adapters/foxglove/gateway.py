@@ -136,7 +136,7 @@ class _ClientChannel(msgspec.Struct, frozen=True):
 class _Operation(msgspec.Struct, frozen=True):
     op: str
     channels: msgspec.Raw = msgspec.Raw(b"null")
-    """Of `advertise`."""
+    """Of an `advertise` message."""
     channelIds: msgspec.Raw = msgspec.Raw(b"null")  # noqa: N815  Name defined by the protocol.
     """Of `unadvertise`."""
 

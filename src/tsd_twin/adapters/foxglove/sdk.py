@@ -16,13 +16,12 @@ from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from typing import Any
 
-from cryptography import x509
-from cryptography.hazmat.primitives import serialization
-
 from tsd_twin.adapters.ros_messages import LATCHED_TOPICS, STATUS, RosMessage, RosTopic
 from tsd_twin.errors import MissingExtraError, TwinError
 from tsd_twin.messages.ros_types import TRIGGER, decode_cdr, definition
-from tsd_twin.security.certificates import CertificateAuthority, new_key
+from tsd_twin.security.access_rules import ROBOT, BusIdentity, Role
+from tsd_twin.security.certificates import CertificateAuthority, certificate_pem, new_key
+from tsd_twin.security.signing_keys import key_pem
 
 LOOPBACK = "127.0.0.1"
 SUBPROTOCOL = "foxglove.sdk.v1"
@@ -224,15 +223,7 @@ def _own_certificate() -> tuple[bytes, bytes, ssl.SSLContext]:
     """Return certificate and key of the loopback port, and a context that trusts only these."""
     key, now = new_key(), datetime.now(UTC)
     authority = CertificateAuthority.new(new_key(), now)
-    certificate = authority.issue_robot(key, [LOOPBACK], now, _DAYS)
-    private = key.private_bytes(
-        serialization.Encoding.PEM,
-        serialization.PrivateFormat.PKCS8,
-        serialization.NoEncryption(),
-    )
-    trust = ssl.create_default_context(cadata=_pem(authority.certificate).decode())
-    return _pem(certificate), private, trust
-
-
-def _pem(certificate: x509.Certificate) -> bytes:
-    return certificate.public_bytes(serialization.Encoding.PEM)
+    server = BusIdentity(ROBOT, Role.ROBOT)
+    certificate = authority.issue_server(key, server, [LOOPBACK], now, _DAYS)
+    trust = ssl.create_default_context(cadata=certificate_pem(authority.certificate))
+    return certificate_pem(certificate).encode(), key_pem(key), trust

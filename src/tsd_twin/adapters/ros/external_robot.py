@@ -19,7 +19,6 @@ import msgspec
 import numpy as np
 
 from tsd_twin.adapters.cmd_vel import TWIST_STAMPED, NoticeLimiter
-from tsd_twin.adapters.frames import yaw_pitch_roll
 from tsd_twin.adapters.ros.arrivals import Origin, PublisherTracker
 from tsd_twin.adapters.ros.port import UNKNOWN_PUBLISHER, Endpoints, Inbox, Received, RosPort
 from tsd_twin.adapters.ros.shared_names import NameWatch
@@ -46,6 +45,7 @@ from tsd_twin.messages.ros_types import (
     make_twist,
 )
 from tsd_twin.models.external import MOST_BYTES, geometry_toml, read_urdf, stand_in
+from tsd_twin.models.links import roll_pitch_yaw
 from tsd_twin.robots import ExternalDescription, parse_description
 from tsd_twin.robots.external import ExternalGeometry
 from tsd_twin.safety import Heartbeat
@@ -334,7 +334,7 @@ class ExternalRobot:
         raw = decode_cdr(received.payload, ODOMETRY.type)
         at, turn = raw.pose.pose.position, raw.pose.pose.orientation
         linear, angular = raw.twist.twist.linear, raw.twist.twist.angular
-        heading, _, _ = yaw_pitch_roll((turn.w, turn.x, turn.y, turn.z))
+        _, _, heading = roll_pitch_yaw((turn.w, turn.x, turn.y, turn.z))
         numbers = (at.x, at.y, heading, linear.x, linear.y, angular.z)
         length = math.hypot(turn.w, turn.x, turn.y, turn.z)
         # Comparisons with NaN are false.

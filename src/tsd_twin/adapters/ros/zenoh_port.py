@@ -20,10 +20,9 @@ from tsd_twin.adapters.ros.arrivals import Origin
 from tsd_twin.adapters.ros.port import ADAPTER, Endpoints, PortCallbacks, types_of
 from tsd_twin.adapters.ros_messages import CMD_VEL, ODOMETRY, RosMessage, RosNames, RosQoS, RosTopic
 from tsd_twin.bus import Bus, PendingQuery, Publisher
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.ros_types import TRIGGER, encode_trigger_response, type_hash
-from tsd_twin.messages.topics import QoS
+from tsd_twin.messages.topics import QoS, Sample
 
 _ATTACHMENT = struct.Struct("<qqB16s")
 _GID_BYTES = 16

@@ -120,7 +120,7 @@ class HttpServer:
             raise
         self._page.set_viewport(self.viewport_port, rules.viewport_origin)
         sessions = self.sessions
-        measuring = sessions.directory.measure_round_trips(lambda: sessions.any_open)
+        measuring = sessions.directory.measure_round_trips()
         watching = [measuring, self._auth.expire_logins()]
         if self._recorded is not None:
             self._recorded.library.on_changed = self._announce_recordings
@@ -235,7 +235,7 @@ class HttpServer:
 
     def _announce_recordings(self) -> None:
         assert self._recorded is not None  # noqa: S101  Its library calls this.
-        message = RecordingsChanged(revision=self._recorded.library.revision)
+        message = RecordingsChanged()
         self.sessions.send_to_all(message)
         self._recorded.send_to_all(message)
 

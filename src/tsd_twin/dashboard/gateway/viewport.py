@@ -285,7 +285,7 @@ class ViserProxy:
 
 
 def _look(request: web.Request) -> str:
-    """Return the known words of the page's look, or a dash, which is none of them."""
+    """Return the known words of the page's look, or a dash if there are no known ones."""
     asked = request.query.get("look", "").split("-")
     return "-".join(word for word in LOOKS if word in asked) or "-"
 

@@ -44,7 +44,7 @@ LONGEST_PICTURE_S = 30.0
 PICTURE_SIZE_PX = (800, 500)
 MOST_PICTURE_BYTES = 3_000_000
 _QUALITIES = (80, 65, 50, 35, 20)
-"""Of WebP, tried in this order until the picture is small enough."""
+"""WebP qualities, tried in this order until the picture is small enough."""
 _FORMATS = {".webp": "WEBP", ".gif": "GIF"}
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 _FLAGS = (
@@ -62,10 +62,10 @@ _HERE = Path(__file__).parent
 
 
 def to_html(part: RecordingSlice, out: Path) -> str:
-    """Write a part as one HTML file; return what was written.
+    """Write a part as one HTML file; return a summary of the file.
 
     Raises:
-        TwinError: the part is empty or too long, or the file cannot be written or exists.
+        TwinError: If the part is empty or too long, or the file cannot be written or exists.
     """
     _check_new(out)
     html = build(part)
@@ -86,7 +86,7 @@ def build(part: RecordingSlice) -> str:
     """Return a part as an HTML document.
 
     Raises:
-        TwinError: the part is empty or too long.
+        TwinError: If the part is empty or too long.
     """
     recording = part.opened()
     end_s = recording.duration_s if part.end_s is None else min(part.end_s, recording.duration_s)
@@ -196,10 +196,10 @@ def _speed(twist: Any, *, planar: bool) -> float:
 
 
 def to_picture(part: RecordingSlice, out: Path) -> str:
-    """Write a part as a moving picture; return what was written.
+    """Write a part as an animation; return a summary of the file.
 
     Raises:
-        TwinError: the part is too long, a program is missing, or the file cannot be written.
+        TwinError: If the part is too long, a program is missing, or the file cannot be written.
     """
     if (kind := _FORMATS.get(out.suffix)) is None:
         raise TwinError(f"{out} is no moving picture: its name ends with .webp or .gif")

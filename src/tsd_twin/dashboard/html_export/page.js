@@ -1,4 +1,4 @@
-// Timeline of a recording, beside the playback bar of viser: events, marks, mode and speed.
+// Timeline of a recording, above viser's playback bar: events, marks, mode and speed.
 //
 // The bar has the clock: its slider says the time, and a number in its field sets it.
 
@@ -104,7 +104,7 @@ function draw(canvas) {
   }
 }
 
-/** Make the lane above the playback bar, and what is on top. @param {Element} bar */
+/** Make the lane above the playback bar, and its labels. @param {Element} bar */
 function build(bar) {
   const label = element("div", "tsd-label");
   const title = element("b", "", "RECORDING");
@@ -164,7 +164,7 @@ function build(bar) {
   bar.before(lane);
   document.body.append(element("div", "tsd-frame"), label);
   new ResizeObserver(() => {
-    // The same time stands above the same place of the slider.
+    // Both have the same time axis as the slider.
     const track = slider()?.closest(".mantine-Slider-root")?.getBoundingClientRect();
     if (track) Object.assign(plot.style, { left: `${track.left}px`, width: `${track.width}px` });
     draw(canvas);

@@ -17,7 +17,6 @@ import simplejpeg
 
 from tsd_twin.bus import Bus
 from tsd_twin.dashboard.pictures.link_budget import LinkBudget, PictureFormat
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.pictures import (
     ALIVE_KEYS,
@@ -27,6 +26,7 @@ from tsd_twin.messages.pictures import (
     decode_ground,
     decode_picture,
 )
+from tsd_twin.messages.topics import Sample
 
 MAX_CAMERAS = 64
 LARGEST_OUTLINES = 8192
@@ -221,6 +221,7 @@ class Viewer:
         age_ms = 1000.0 * (now_s - picture.exposed_s)
         header = HEADER.pack(age_ms, 1000.0 * now_s, picture.number, len(picture.outlines))
         message = header + picture.outlines + jpeg
+        self.budget.encoded(chosen, len(picture.jpeg), len(message))
         self.budget.sent(len(message), now_s)
         return message
 

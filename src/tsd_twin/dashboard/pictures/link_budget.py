@@ -11,14 +11,19 @@ from typing import NamedTuple
 
 SHARE = 0.8
 """Fraction of the link that pictures use: on a full link each waits for the one before."""
-FORMAT_SHARE = 0.65
-"""Fraction for which the format is chosen; larger pictures queue after each lost packet."""
+FORMAT_SHARE = 0.75
+"""Fraction for which the format is chosen."""
+GOOD_HZ = 20.0
+"""Rate for which the format is chosen; the size is reduced first, then the rate.
+
+At 15 Hz two lost pictures in a row make the one before older than 0.3 s, at 20 Hz three.
+"""
 LEAST_HZ = 15.0
-"""Rate for which the format is chosen; the size is reduced first, then the rate."""
+"""Rate at which `FORMATS[-2]`, which still shows objects, is given up for the smallest format."""
 _RESERVE = 0.1
 """Further fraction of the link that must be free for a better format than the one before."""
-_LEAST_FRAMES, _MOST_FRAMES = 5, 25
-_FRAMES_S = 2.0
+_LEAST_FRAMES, _MOST_FRAMES = 5, 60
+_FRAMES_S = 3.0
 """The estimate of the link is from these frames, or fewer if the rest is older than this."""
 _ROUND_TRIP_S = 60.0
 """Time for which a round trip is remembered; a slower route shows up after it."""
@@ -37,11 +42,11 @@ class PictureFormat:
 FORMATS = (
     PictureFormat(8, None, 1.0),
     PictureFormat(6, 75, 0.55),
-    PictureFormat(4, 75, 0.28),
-    PictureFormat(4, 55, 0.2),
-    PictureFormat(3, 55, 0.13),
-    PictureFormat(3, 35, 0.09),
-    PictureFormat(2, 35, 0.05),
+    PictureFormat(4, 75, 0.29),
+    PictureFormat(4, 55, 0.22),
+    PictureFormat(3, 55, 0.15),
+    PictureFormat(3, 35, 0.12),
+    PictureFormat(2, 35, 0.08),
 )
 """From the best to the smallest."""
 
@@ -59,6 +64,8 @@ class LinkBudget:
         self._frames: deque[_Frame] = deque(maxlen=_MOST_FRAMES)
         self._round_trips: deque[tuple[float, float]] = deque()
         """Times and round trips of the last minute that are below all later ones."""
+        self._shares = {each: each.bytes_share for each in FORMATS}
+        """Size of the latest picture in each format, as a fraction of the camera's."""
         self._before = FORMATS[-2]
         self._next_s = 0.0
 
@@ -86,12 +93,12 @@ class LinkBudget:
     def s_per_byte(self) -> float | None:
         """Time that the link takes for a byte, or None before the first pictures.
 
-        The lower quartile: jitter and a busy page delay single pictures.
+        The lower eighth: losses, jitter and a busy page only delay pictures.
         """
         if not self._frames:
             return None
         all_s = sorted(each.took_s / each.size_bytes for each in self._frames)
-        return all_s[len(all_s) // 4]
+        return all_s[len(all_s) // 8]
 
     def format_for(self, own_bytes: int, own_width: int, width: int) -> PictureFormat:
         """Return the best format that a pane of `width` pixels can show and the link carries.
@@ -106,11 +113,16 @@ class LinkBudget:
         for each in FORMATS[top:]:
             is_better = each.bytes_share > self._before.bytes_share
             limit = FORMAT_SHARE - (_RESERVE if is_better else 0.0)
-            if each.bytes_share * own_bytes * s_per_byte * LEAST_HZ <= limit:
+            rate_hz = LEAST_HZ if each == FORMATS[-2] else GOOD_HZ
+            if self._shares[each] * own_bytes * s_per_byte * rate_hz <= limit:
                 self._before = each
                 return each
         self._before = FORMATS[-1]
         return self._before
+
+    def encoded(self, chosen: PictureFormat, own_bytes: int, size_bytes: int) -> None:
+        """Note the size of a picture in a format, which depends on what the camera sees."""
+        self._shares[chosen] = size_bytes / own_bytes
 
     def waits_s(self, now_s: float) -> float:
         """Return the time until the next picture may be sent."""
@@ -118,7 +130,9 @@ class LinkBudget:
 
     def sent(self, size_bytes: int, now_s: float) -> None:
         """Count a picture that is sent now."""
-        self._next_s = max(self._next_s, now_s) + size_bytes * (self.s_per_byte or 0.0) / SHARE
+        takes_s = size_bytes * (self.s_per_byte or 0.0) / SHARE
+        # A picture that was late by less than its own time does not delay the next.
+        self._next_s = max(self._next_s, now_s - takes_s) + takes_s
 
 
 def _smallest_size(formats: list[PictureFormat]) -> PictureFormat:

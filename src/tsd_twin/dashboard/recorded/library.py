@@ -26,7 +26,7 @@ from tsd_twin.recording.titles import (
     read_title,
     write_title,
 )
-from tsd_twin.recording.trash import KEEP_S, UNDO_S, Deletion, Trash
+from tsd_twin.recording.trash import Deletion, Trash
 from tsd_twin.security.router_rules import EVERY_ROBOT, RobotRights
 
 PATH_POINTS = 65
@@ -69,8 +69,6 @@ class RecordingLibrary:
         self._reading = asyncio.Lock()
         self._known: dict[str, _Known] = {}
         self._background: asyncio.Task[None] | None = None
-        self.revision = 0
-        """Number of changes so far."""
         self.on_changed: Callable[[], None] = lambda: None
         """Called after each change."""
 
@@ -86,18 +84,18 @@ class RecordingLibrary:
         """Return the file of a recording.
 
         Raises:
-            FolderError: If there is none.
+            FolderError: If it does not exist.
         """
-        # The name is checked before the file system sees it: it is a file name, not a path.
+        # The name must be a file name, not a path, and is checked before it is used.
         if not is_recording_name(name) or not (self._folder / name).is_file():
             raise FolderError("no_recording", "there is no such recording")
         return self._folder / name
 
     async def permitted_file(self, name: str, rights: RobotRights) -> Path:
-        """Return the file of a recording, for somebody who may watch all robots in it.
+        """Return the file of a recording, for a user who may watch all robots in it.
 
         Raises:
-            FolderError: If there is none that may be watched.
+            FolderError: If it does not exist or may not be watched.
         """
         path = self.file(name)
         if rights != EVERY_ROBOT:
@@ -108,7 +106,7 @@ class RecordingLibrary:
         return path
 
     async def may_change(self, name: str, rights: RobotRights) -> bool:
-        """Return whether all robots in a recording are somebody's to use, not only to watch.
+        """Return whether a user may use all robots in a recording, not only watch them.
 
         Raises:
             FolderError: If there is no recording that may be watched.
@@ -141,13 +139,12 @@ class RecordingLibrary:
         pending = [path for path in shown if self._is_pending(path, states[path], now_s)]
         if pending and (self._background is None or self._background.done()):
             self._background = asyncio.create_task(self._read_all(pending))
-        rows = [
+        words = _folded(query).split()
+        return [
             self._row(path, each, states[path])
             for path, each in shown.items()
-            if _may_watch(each, rights)
+            if _may_watch(each, rights) and self._contains(path, each, words)
         ]
-        words = _folded(query).split()
-        return [row for row in rows if _contains(row, words)]
 
     async def paths(self, path: Path) -> list[RecordedPath]:
         """Return the path preview of a recording.
@@ -216,7 +213,6 @@ class RecordingLibrary:
 
     def changed(self) -> None:
         """Report a change to all pages."""
-        self.revision += 1
         self.on_changed()
 
     async def watch(self) -> None:
@@ -281,6 +277,16 @@ class RecordingLibrary:
         except RecordingError:
             return _Known(stamp, None, now_s)
 
+    def _contains(self, path: Path, summary: RecordingSummary, words: Sequence[str]) -> bool:
+        if not words:
+            return True
+        texts = [summary.title, path.name, *summary.robots, *summary.notes]
+        known = self._known.get(path.name)
+        if known is not None and known.details is not None:
+            texts += [*known.details.drivers, *known.details.fault_texts]
+        text = _folded("\n".join(texts))
+        return all(word in text for word in words)
+
     def _row(self, path: Path, summary: RecordingSummary, state: _FileState) -> RecordingRow:
         known = self._known.get(path.name)
         details = None if known is None else known.details
@@ -291,7 +297,6 @@ class RecordingLibrary:
             duration_s=round(summary.duration_s, 1),
             robots=summary.robots,
             size_bytes=summary.size,
-            is_whole=summary.is_whole,
             writing=state.writing,
             marks=summary.marks,
             notes=summary.notes,
@@ -301,7 +306,7 @@ class RecordingLibrary:
 
 
 def _may_watch(summary: RecordingSummary, rights: RobotRights) -> bool:
-    """Return whether somebody may watch a recording; other robots may join an unfinished one."""
+    """Return whether a user may watch a recording; other robots may join an unfinished one."""
     if rights == EVERY_ROBOT:
         return True
     return summary.is_whole and all(map(rights.may_watch, summary.robots))
@@ -323,9 +328,7 @@ def _stamp(path: Path, *, whole: bool) -> tuple[int, ...]:
 
 
 def _row_details(details: RecordingDetails) -> RowDetails:
-    return RowDetails(
-        details.drivers, details.stops, details.faults, details.fault_texts, _paths(details)
-    )
+    return RowDetails(details.drivers, details.stops, details.faults, _paths(details))
 
 
 def _paths(details: RecordingDetails) -> list[RecordedPath]:
@@ -337,29 +340,16 @@ def _paths(details: RecordingDetails) -> list[RecordedPath]:
 
 
 def _trash_row(deletion: Deletion) -> TrashRow:
-    deleted_ms = deletion.deleted_ns // 1_000_000
     return TrashRow(
         id=deletion.id,
         name=deletion.name,
         title=deletion.title,
         by=deletion.by,
-        deleted_ms=deleted_ms,
+        deleted_ms=deletion.deleted_ns // 1_000_000,
         size_bytes=deletion.size,
-        expires_ms=deleted_ms + round(1000.0 * KEEP_S),
-        kept_until_ms=deleted_ms + round(1000.0 * UNDO_S),
     )
 
 
 def _folded(text: str) -> str:
     """Return text for comparison regardless of case and of how characters are composed."""
     return unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", text).casefold())
-
-
-def _contains(row: RecordingRow, words: Sequence[str]) -> bool:
-    if not words:
-        return True
-    texts = [row.title, row.name, *row.robots, *row.notes]
-    if row.details is not None:
-        texts += [*row.details.drivers, *row.details.fault_texts]
-    text = _folded("\n".join(texts))
-    return all(word in text for word in words)

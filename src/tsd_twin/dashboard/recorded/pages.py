@@ -80,7 +80,7 @@ class RecordedPages:
                 path = await self.library.permitted_file(name, principal.rights)
             except FolderError as error:
                 raise web.HTTPNotFound(text="There is no such recording.") from error
-        # The other socket of the page may have opened it meanwhile.
+        # The other socket of the page may have opened it during the wait.
         opened = self._views.get(page)
         if opened is not None and opened.owner.key != principal.key:
             raise web.HTTPForbidden(text="This page belongs to another login.")

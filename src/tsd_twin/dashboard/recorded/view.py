@@ -1,4 +1,4 @@
-"""View of a recording for one page: a scene of its own, drawn at the time that is shown.
+"""View of a recording for one page: a separate scene, drawn at the playback time.
 
 Its viser server has the recorded robots and no others, so that neither can be taken for the other,
 and no live robot can be reached through it.
@@ -54,13 +54,13 @@ def draw_recorded(scene: Scene, player: Player) -> None:
 
 
 class RecordedView:
-    """View of one recording; a thread of its own draws it."""
+    """View of a recording, drawn on a separate thread."""
 
     def __init__(self, path: Path, reader: RemoteReader) -> None:
         """Start to show the start of a recording; takes a second. `reader` is closed with it.
 
         Raises:
-            RecordingError: it is none.
+            RecordingError: If the file is not a recording.
         """
         self.player = Player(path, reader=reader)
         self.robot_id = next(iter(self.player.robots))
@@ -109,7 +109,7 @@ class RecordedView:
         self.player.close()
 
     def disconnect(self) -> None:
-        """Report nothing from now on."""
+        """Stop reporting."""
         self.on_shown = _ignore
 
     def request(self, work: Callable[[float], None]) -> None:
@@ -133,7 +133,7 @@ class RecordedView:
         problem = ""
         while not self._stop.is_set():
             try:
-                with contextlib.suppress(queue.Empty):  # What is asked for is shown at once.
+                with contextlib.suppress(queue.Empty):  # The requested time is shown immediately.
                     self._requests.get(timeout=1.0 / RATE_HZ)(time.monotonic())
                 self._frame(time.monotonic())
             except RecordingError as error:  # Damaged at this place: others can be shown.

@@ -34,7 +34,7 @@ class Palette(NamedTuple):
     plan: Rgb
     """Path, goal and preview: long dashes."""
     caution: Rgb
-    """Stop envelope, and what is past: short dashes around an area."""
+    """Stop envelope and past states: short dashes around an area."""
     danger: Rgb
     """Stops and faults."""
     ink: Rgb
@@ -78,7 +78,7 @@ PALETTES: Mapping[Theme, Palette] = {
         label=rgb("#454d59"),
     ),
 }
-"""Any two of the first five can be told apart by colour-blind people."""
+"""Colour-blind people can distinguish any two of the first five."""
 STALE: Rgb = (128, 132, 138)
 """Colour of stale data in both themes."""
 

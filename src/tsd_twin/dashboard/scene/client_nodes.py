@@ -56,7 +56,7 @@ def hide_links(
 
 
 class ClientLinks:
-    """Links of one robot in a client's scene."""
+    """Links of a robot in a client's scene."""
 
     def __init__(self, client: viser.ClientHandle) -> None:
         self._scene = client.scene

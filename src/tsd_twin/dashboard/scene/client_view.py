@@ -83,6 +83,7 @@ class ClientView:
         self._camera = ClientCamera(client, frame)
         self._metres = MetreLabels(client)
         self._labelled: tuple[int, ...] | None = None
+        self._has_reported_placed = False
         self.on_robots_changed()
         client.camera.on_update(self._on_camera)
 
@@ -115,6 +116,8 @@ class ClientView:
         with self._scene.lock:
             if self._camera.is_out_of_shape or self._camera.is_reset:
                 self._place_camera()
+            elif self._camera.is_reported:
+                self._has_reported_placed = True
 
     def _place_camera(self) -> None:
         """Frame the robot according to the preset."""
@@ -173,9 +176,12 @@ class ClientView:
 
     @property
     def camera_state(self) -> CameraState | None:
-        """State of the camera; None before it was placed in front of a robot."""
+        """State of the camera; None until the client reports it in front of a robot.
+
+        A slow client has then received the scene, which was sent before.
+        """
         body, camera = self.visual, self.client.camera
-        if body is None or self._camera.placed is None:
+        if body is None or not self._has_reported_placed:
             return None
         x, y = (self._world_pose @ SE2(body.pose)).xy_heading[:2]
         at = np.array([x, y, 0.5 * body.meshes.shape.height_m])

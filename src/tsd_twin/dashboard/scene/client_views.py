@@ -134,7 +134,7 @@ class ClientViews:
     async def _on_connect(self, client: viser.ClientHandle) -> None:
         client_id = client.client_id
         page, look = page_of(self._server, client_id), look_of(self._server, client_id)
-        with self._scene.lock:  # Neither robots nor what the page asks for may change in between.
+        with self._scene.lock:  # Neither the robots nor the page's requests may change in between.
             asked = PageView() if page is None else self._view_of(page)
             dark = "dark" in look
             set_theme(client.gui, dark=dark)

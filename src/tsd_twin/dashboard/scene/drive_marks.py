@@ -91,7 +91,7 @@ def push_height_m(shape: RobotShape) -> float:
 
 
 class PushLines:
-    """Arrows of one colour with a casing below them."""
+    """Single-coloured arrows with a casing below them."""
 
     def __init__(self, scene: viser.SceneApi, name: str, colour: Rgb, casing: Rgb) -> None:
         nothing = np.zeros((1, 2, 3), np.float32)
@@ -244,7 +244,7 @@ def _setpoint(palette: Palette) -> bytes:
 def _band(
     inner_m: float, outer_m: float, height_m: float, dashes: int = 0
 ) -> tuple[Array, npt.NDArray[np.uint32]]:
-    """Return vertices and faces, on both sides, of a flat ring with as many dashes."""
+    """Return vertices and two-sided faces of a flat dashed ring."""
     angles = np.linspace(0.0, 2.0 * np.pi, _SIDES + 1)
     ring = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=-1)
     vertices = np.concatenate([inner_m * ring, outer_m * ring])

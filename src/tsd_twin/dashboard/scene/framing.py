@@ -196,6 +196,7 @@ class ClientCamera:
         self.placed: CameraPose | None = None
         """Pose in the scene where the camera was placed, if it was."""
         self._placed_aspect = _USUAL_ASPECT
+        self._placed_s = math.inf
         self.placed_for: str | None = None
         """Robot in front of which the camera was placed with a known pose."""
         self.heading_rad = 0.0
@@ -203,7 +204,7 @@ class ClientCamera:
 
     @property
     def px_per_m(self) -> float:
-        """Height on the screen, CSS pixels, of an object 1 m high at a distance of 1 m.
+        """Height on the screen of an object 1 m high at a distance of 1 m, in CSS pixels.
 
         Without a page, viser's client reports the pixels that it draws, of which a screen pixel may
         have several or less than one.
@@ -244,6 +245,12 @@ class ClientCamera:
         self._camera.fov = FIELD_OF_VIEW_RAD  # A new client first reports viser's default.
         self._camera.position, self._camera.look_at = pose
         self.placed = pose
+        self._placed_s = self._camera.update_timestamp
+
+    @property
+    def is_reported(self) -> bool:
+        """Whether the client has reported its camera since it was placed."""
+        return self._camera.update_timestamp > self._placed_s
 
     @property
     def aspect(self) -> float:

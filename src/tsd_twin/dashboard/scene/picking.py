@@ -1,4 +1,4 @@
-"""Picking: points of floor or sphere at a screen position or click ray, and what is off screen."""
+"""Picking: points of floor or sphere at a screen position or click ray; robots off the screen."""
 
 from __future__ import annotations
 

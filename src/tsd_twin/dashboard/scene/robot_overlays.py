@@ -85,6 +85,7 @@ class MotionPredictor:
         if status is None or odom is None or status.mode not in (Mode.DRIVING, Mode.STOPPING):
             return NO_PREDICTION
         twist = self._kinematics.forward(setpoint).twist
+        measured = odom.twist if np.isfinite(odom.twist).all() else twist
         heading = float(odom.xy_heading[2])
         share = status.limits.speed_mps / self._limits.speed_mps
         if not share > 0.0:
@@ -94,15 +95,18 @@ class MotionPredictor:
         if trip_s is not None and trip_s >= MIN_DELAY_S and status.mode == Mode.DRIVING:
             commands = _commands_in_flight(sent, snapshot.received_s, trip_s, heading)
             if commands:
-                here = SE2.identity()
-                arrival_pose = self._fine.after(trip_s, here, twist, commands, share).xy_heading
-        path = self._path(status, twist, sent, snapshot.received_s, trips.p95_s(), heading)
+                arrival_pose = self._fine.after(
+                    trip_s, SE2.identity(), twist, commands, share, measured
+                ).xy_heading
+        late_s = trips.p95_s()
+        path = self._path(status, twist, measured, sent, snapshot.received_s, late_s, heading)
         return Prediction(arrival_pose, path)
 
     def _path(
         self,
         status: RobotStatus,
         twist: Array,
+        measured: Array,
         sent: Sequence[SentCommand],
         now_s: float,
         late_s: float | None,
@@ -122,9 +126,8 @@ class MotionPredictor:
         if status.mode == Mode.STOPPING:
             commands, silence_s = [], 0.0
         share = status.limits.speed_mps / self._limits.speed_mps
-        poses = self._coarse.until_rest(
-            SE2.identity(), twist, [*commands, PendingCommand(silence_s, np.zeros(3))], share
-        )
+        commands.append(PendingCommand(silence_s, np.zeros(3)))
+        poses = self._coarse.until_rest(SE2.identity(), twist, commands, share, measured)
         return np.array([pose.xy_heading for pose in poses])
 
 

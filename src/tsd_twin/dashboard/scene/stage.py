@@ -108,7 +108,7 @@ def _pool(radii: Array) -> Array:
 
 
 def disc_faces(rings: int, sectors: int = _SECTORS) -> npt.NDArray[np.uint32]:
-    """Return faces (n, 3), seen from above, of a centre vertex and rings around it."""
+    """Return upward faces (n, 3) between a centre vertex and the rings around it."""
     one = np.arange(sectors)
     other = (one + 1) % sectors
     faces = [np.stack([0 * one, 1 + one, 1 + other], axis=-1)]

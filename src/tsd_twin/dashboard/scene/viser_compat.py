@@ -180,7 +180,7 @@ def next_message_window(
 PAGE_HEADER = "X-Tsd-Page"
 """Header added by the gateway to the request of a viser socket: its page."""
 LOOK_HEADER = "X-Tsd-Look"
-"""Header added by the gateway: the `LOOKS` that the browser of the page asks for."""
+"""Header added by the gateway: the `LOOKS` requested by the page's browser."""
 LOOKS = ("dark", "plain")
 """Dark colours, and the scene for a browser without a graphics card."""
 ROBOTS_HEADER = "X-Tsd-Robots"
@@ -196,7 +196,7 @@ def page_of(server: viser.ViserServer, client_id: int) -> str | None:
 
 
 def look_of(server: viser.ViserServer, client_id: int) -> list[str]:
-    """Return the `LOOKS` that a client's browser asks for; dark without a gateway."""
+    """Return the `LOOKS` requested by a client's browser; dark without a gateway."""
     return (_header_of(server, client_id, LOOK_HEADER) or "dark").split("-")
 
 

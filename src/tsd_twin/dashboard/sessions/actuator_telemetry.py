@@ -121,7 +121,7 @@ def joint_share(drive: Kinematics[Any], joints: Array) -> float | None:
 
 
 def binding_limit(drive: Kinematics[Any], limiter: TwistLimiter, twist: Array) -> LimitName:
-    """Return the limit that `twist` (3,) comes closest to, or exceeds most."""
+    """Return the limit nearest to `twist` (3,), or exceeded most by it."""
     speed, turn, joints = limiter.utilizations(twist)
     if joints >= max(speed, turn):
         tilts = any(joint.kind is JointKind.POSITION for joint in drive.joints)
@@ -153,7 +153,7 @@ class ActuatorTelemetry(Protocol):
 
 
 MIN_SPEED_FRACTION = 0.01
-"""A wheel that turns with less than this share of its cruising speed is shown as at rest."""
+"""A wheel below this fraction of its cruising speed is shown at rest."""
 _ROUNDING = 1e-6
 
 
@@ -191,9 +191,6 @@ class GimbalTelemetry:
             GimbalState(
                 **msgspec.structs.asdict(now),
                 radius_mm=round(float(radius_mm[i]), 2),
-                alpha_setpoint=goal.alpha,
-                beta_setpoint=goal.beta,
-                set_axle=goal.axle,
                 spinning=abs(float(joints[3 * i + 2]) / RPM) > slow_rpm,
                 setpoint=msgspec.structs.replace(goal, rpm=round(float(setpoint[3 * i + 2]) / RPM)),
             )
@@ -230,7 +227,6 @@ def _wheels_info(
     return {
         "panel": panel,
         "wheels": drive.actuators,
-        "max_rpm": round(drive.max_speed_rad_per_s / RPM, 1),
         "alternative_estimate": alternative,
     }
 
@@ -274,7 +270,7 @@ class TwistTelemetry:
         return {"panel": "twist", "not_promised": self._robot.not_promised}
 
     def state(self, _joints: Array, _setpoint: Array, _snapshot: Snapshot) -> dict[str, Any]:
-        """Return no fields of `RobotState`: it has the twists for all robots."""
+        """Return nothing: `RobotState` has the twists of all robots."""
         return {}
 
 

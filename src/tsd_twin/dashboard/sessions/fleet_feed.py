@@ -40,12 +40,10 @@ class FleetFeed:
     def __init__(
         self,
         directory: RobotDirectory,
-        reach_m: Callable[[str], float],
         is_shown: Callable[[str], bool] = lambda _robot: True,
     ) -> None:
-        """`reach_m` returns the radius of a robot; `is_shown`, whether a page has it selected."""
-        self._directory, self._reach_m = directory, reach_m
-        self._is_shown = is_shown
+        """`is_shown` returns whether a page has a robot selected."""
+        self._directory, self._is_shown = directory, is_shown
         self._pages: dict[SendQueue, RobotRights] = {}
         self._infos: dict[str, tuple[KnownRobot, RobotInfo]] = {}
         self._robots: dict[str, FleetRobot] = {}
@@ -116,7 +114,8 @@ class FleetFeed:
     def _row(self, known: KnownRobot, colour: str) -> FleetRobot:
         link, info = known.link, self._info(known)
         snapshot, status = link.snapshot, link.snapshot.status
-        age_s = time.monotonic() - snapshot.received_s
+        now_s = time.monotonic()
+        age_s = now_s - snapshot.received_s
         lease = status.lease if status else LeaseStatus()
         return FleetRobot(
             id=link.id,
@@ -125,9 +124,8 @@ class FleetFeed:
             panel=info.panel,
             wheel_count=len(info.modules or info.wheels),
             space=info.space,
-            reach_m=round(self._reach_m(link.id), 3),
             source="recording" if link.is_recording else snapshot.source,
-            silent=age_s > LIVE_TIMEOUT_S,
+            silent=snapshot.overdue_s(now_s) > LIVE_TIMEOUT_S,
             age_s=round(age_s, 3) if math.isfinite(age_s) else None,
             mode=status.mode if status else None,
             latched=status is not None and status.mode in LATCHED,

@@ -89,7 +89,7 @@ class MapData:
             if (pose := self._pose(robot_id)) is None:
                 continue
             x, y, heading = (round(float(number), 4) for number in pose)
-            stale = now_s - link.snapshot.received_s > STALE_S
+            stale = link.snapshot.overdue_s(now_s) > STALE_S
             reach_m = round(self._scene.reach_m(robot_id), 3)
             robots.append(MapRobot(robot_id, (x, y, heading), reach_m, stale))
         envelope = self._scene.envelope(shown)

@@ -1,4 +1,4 @@
-"""Fields that the page requests for its plots, beside those that every state contains."""
+"""Fields that the page requests for its plots, in addition to those in every state."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ class LookBackSession:
         self._past: Snapshot | None = None
 
     def request(self, robot_id: str | None, ago_s: float | None) -> None:
-        """Look at the state of `ago_s` ago from now on; None ends it."""
+        """Show the state of `ago_s` ago; None shows the current one again."""
         self._ago_s = ago_s
         self.show(robot_id)
 

@@ -8,7 +8,7 @@ import itertools
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from operator import attrgetter
 
@@ -21,6 +21,7 @@ from tsd_twin.dashboard.sessions.telemetry import RobotTelemetry
 from tsd_twin.dashboard.wire.from_page import LOOK_BACK_S
 from tsd_twin.dashboard.wire.to_page import MapLines, MapState, RobotName, RobotState
 from tsd_twin.messages.events import Event
+from tsd_twin.messages.modes import ARMED
 from tsd_twin.security.router_rules import EVERY_ROBOT, RobotRights
 
 SPACING_S = 0.1
@@ -54,11 +55,11 @@ MAX_ROBOTS = 64
 MAX_EVENTS = 30
 """Maximum number of past events sent to a new page."""
 LIVE_TIMEOUT_S = 1.0
-"""A robot is not live after this time without a state."""
+"""A robot is not live when a state is overdue for this time."""
 _PING_PERIOD_S = 0.25
 _OPERATOR = "gateway"
 _IDLE_PINGS = 4
-"""Ping interval while no page is open, in periods."""
+"""Ping interval of a robot that is neither shown nor driven, in periods."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,7 +167,7 @@ class RobotDirectory:
     def has_live_robot(self, rights: RobotRights = EVERY_ROBOT) -> bool:
         """Return whether a robot that may be watched has sent a state recently."""
         return any(
-            _state_age_s(link) < LIVE_TIMEOUT_S and rights.may_watch(robot_id)
+            _is_live(link) and rights.may_watch(robot_id)
             for robot_id, link in list(self._links.items())
         )
 
@@ -196,21 +197,29 @@ class RobotDirectory:
         shown = [link for link in links if link.id == robot_id and not link.is_recording]
         return shown or [link for link in links if not link.is_recording]
 
-    async def measure_round_trips(self, is_watched: Callable[[], bool] = lambda: True) -> None:
+    async def measure_round_trips(self) -> None:
         """Measure the round-trip times of robots; runs until cancelled.
 
-        Measures four times a second, or once a second while `is_watched` returns False.
+        Measures four times a second, or once a second for robots that are neither shown nor driven.
         """
         for period in itertools.count():
             await asyncio.sleep(_PING_PERIOD_S)
-            if period % _IDLE_PINGS and not is_watched():
-                continue
             self._measuring = {task for task in self._measuring if not task.done()}
             busy = {task.get_name() for task in self._measuring}
             for link in list(self._links.values()):
-                answers = not link.has_duplicate and _state_age_s(link) < LIVE_TIMEOUT_S
+                if period % _IDLE_PINGS and not link.is_streaming:
+                    continue
+                answers = not link.has_duplicate and _is_live(link)
+                if answers and link.snapshot.status and link.snapshot.status.mode in ARMED:
+                    self._follow(link.id)
                 if answers and link.id not in busy:
                     self._measuring.add(asyncio.create_task(self._measure(link), name=link.id))
+
+    def _follow(self, robot_id: str) -> None:
+        """Run the shadow twin of a robot that is driven, whether or not a page shows it."""
+        known = self.robot(robot_id)
+        if known is not None:
+            known.shadow.follow()
 
     def _mode_since_s(self, robot_id: str, mode: str) -> float:
         """Return when a robot was first seen in its current mode."""
@@ -225,6 +234,10 @@ class RobotDirectory:
             link.round_trips.clear()
         else:
             link.round_trips.add(took_s)
+
+
+def _is_live(link: RobotMonitor) -> bool:
+    return link.snapshot.overdue_s(time.monotonic()) < LIVE_TIMEOUT_S
 
 
 def _state_age_s(link: RobotMonitor) -> float:

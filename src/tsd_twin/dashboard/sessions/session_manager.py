@@ -48,9 +48,9 @@ class SessionManager:
         self.live = LiveRobots(
             self.directory,
             self._executor,
-            FleetFeed(self.directory, scene.reach_m, self.is_shown),
+            FleetFeed(self.directory, self.is_shown),
         )
-        """What pages stop and list, also those with a recording."""
+        """Robots that pages list and stop, including pages with a recording."""
         self._on_opened = on_opened
         self._scene = scene
         self._map_data = MapData(links, scene, self._on_map_lines)

@@ -1,4 +1,4 @@
-"""Shadow twins of the robots that are looked at."""
+"""Shadow twins of the robots that are driven or looked at."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from typing import Any
 from tsd_twin.bus import Subscriber
 from tsd_twin.client.connection import RobotConnection
 from tsd_twin.messages.cdr import decode_joints
-from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.status import decode_stamp, decode_status
-from tsd_twin.messages.topics import ODOM, STATUS, Topic
+from tsd_twin.messages.topics import ODOM, STATUS, Sample, Topic
 from tsd_twin.shadow import STREAMS, ShadowFeed, ShadowReport, ShadowTwin
 from tsd_twin.simulation import plants_of
 
-IDLE_TIMEOUT_S = 10.0
-"""Time a twin keeps running after it was last shown, because a new one needs seconds to warm up."""
+IDLE_TIMEOUT_S = 60.0
+"""Time a twin keeps running after its robot was last driven or shown, because a new one has to
+learn the robot again."""
 _PERIOD_S = 0.1
 _DEPTH = 64
 """Queue size of a stream, one second of messages."""
@@ -27,7 +27,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class ShadowMonitor:
-    """Shadow twin of a robot, running on its own thread while its report is requested.
+    """Shadow twin of a robot, on its own thread while the robot is driven or its report requested.
 
     Otherwise it has neither subscriptions nor a thread.
     """
@@ -45,14 +45,19 @@ class ShadowMonitor:
 
         Returns None before the first report, and for a robot that cannot be simulated.
         """
+        self.follow()
+        with self._lock:
+            return self._report
+
+    def follow(self) -> None:
+        """Keep the twin running, or start it."""
         if not plants_of(self._link.robot):
-            return None
+            return
         with self._lock:
             self._asked_s = time.monotonic()
             if self._thread is None and not self._ending.is_set():
                 self._thread = threading.Thread(target=self._run, name="shadow", daemon=True)
                 self._thread.start()
-            return self._report
 
     def end(self) -> None:
         """Make the thread end permanently."""

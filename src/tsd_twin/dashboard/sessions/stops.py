@@ -72,7 +72,7 @@ class LiveRobots:
 class PageStops:
     """Stops that one page requests; event loop only.
 
-    Each is published before anything else happens, then repeated on threads of its own.
+    Each is published before anything else happens, then repeated on separate threads.
     """
 
     def __init__(self, live: LiveRobots, operator: str, send: Callable[[Any], None]) -> None:
@@ -151,7 +151,8 @@ class PageStops:
                 stop = self._live.executor.stop(link, self._operator, self.name)
                 stopping = asyncio.create_task(stop)
             await asyncio.sleep(_POLL_S)
-        age_s = now_s - links[robot_id].snapshot.received_s
-        if age_s < LIVE_TIMEOUT_S:
+        snapshot = links[robot_id].snapshot
+        if snapshot.overdue_s(now_s) < LIVE_TIMEOUT_S:
             return because(Code.NO_ANSWER)
+        age_s = now_s - snapshot.received_s
         return because(Code.ROBOT_SILENT, **({"s": age_s} if math.isfinite(age_s) else {}))

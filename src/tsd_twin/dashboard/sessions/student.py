@@ -185,7 +185,6 @@ def solution_of(
         utilization=short(share),
         wheels=[] if study is None else study.wheels(robot, joints, solution),
         radius_m=drive.wheel_radius_m,
-        solved="joints" if numbers is None else "twist",
         residual_mps=residual_rms_mps(solution),
         redundancy=max(0, solution.residual.size - 3),
         centre=rotation_centre(drive, solution.twist),

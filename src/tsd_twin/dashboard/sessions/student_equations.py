@@ -32,14 +32,14 @@ from tsd_twin.robots import (
 
 
 def gimbal_wheels(
-    robot: SingularityDescription, joints: Array, solution: TwistSolution
+    robot: SingularityDescription,
+    joints: Array,
+    solution: TwistSolution,  # noqa: ARG001  Common signature.
 ) -> list[StudentWheel]:
     """Return the modules of a singularity drive at joints (3k,), as they roll."""
     drive = robot.kinematics()
     display = GimbalDisplay(drive)
-    tilts, radii = drive.tilt(joints), drive.effective_radius_m(joints)
-    axles, pushes = display.axles(joints), display.pushes(joints)
-    residuals = np.linalg.norm(solution.residual.reshape(-1, 2), axis=-1)
+    tilts, axles, pushes = drive.tilt(joints), display.axles(joints), display.pushes(joints)
     return [
         StudentWheel(
             at=pair(drive.pivots_m[i]),
@@ -48,8 +48,6 @@ def gimbal_wheels(
             rpm=short(spin / RPM),
             gimbal=(degrees(alpha), degrees(beta), degrees(tilts[i])),
             axle=pair(axles[i]),
-            effective_radius_mm=short(1000.0 * float(radii[i])),
-            residual_mps=short(residuals[i]),
         )
         for i, (alpha, beta, spin) in enumerate(joints.reshape(-1, 3).tolist())
     ]
@@ -61,7 +59,7 @@ def roller_wheels(
     """Return the wheels of a platform on rollers at joints (k,)."""
     drive = robot.kinematics()
     pushes = pivot_velocities(drive.positions_m, solution.twist)
-    return _rolling_wheels(joints, drive.positions_m, pushes, drive.directions_rad, solution)
+    return _rolling_wheels(joints, drive.positions_m, pushes, drive.directions_rad)
 
 
 def sphere_wheels(
@@ -72,11 +70,11 @@ def sphere_wheels(
     contacts = drive.sphere_radius_m * drive.contacts
     directions_rad = np.arctan2(drive.actuations[:, 1], drive.actuations[:, 0])
     pushes = np.cross(solution.twist, contacts)
-    return _rolling_wheels(joints, contacts, pushes, directions_rad, solution)
+    return _rolling_wheels(joints, contacts, pushes, directions_rad)
 
 
 def _rolling_wheels(
-    spins: Array, at_m: Array, pushes: Array, directions_rad: Array, solution: TwistSolution
+    spins: Array, at_m: Array, pushes: Array, directions_rad: Array
 ) -> list[StudentWheel]:
     return [
         StudentWheel(
@@ -84,7 +82,6 @@ def _rolling_wheels(
             push=pair(pushes[i]),
             direction_deg=degrees(directions_rad[i]),
             rpm=short(float(spins[i]) / RPM),
-            residual_mps=short(abs(float(solution.residual[i]))),
         )
         for i in range(len(spins))
     ]
@@ -124,7 +121,6 @@ _OPERATORS = frozenset("=+−·(),|") | {"sin", "cos", "asin", "atan2"}
 _SCRIPTED = re.compile(r"([^_^]+)(?:_([^^]+))?(?:\^(.+))?")
 _TURNING = 1e-9
 """Smaller turn rates, in rad/s, have no centre of rotation."""
-_Over = Literal["actuators", "twist", "point", "one"]
 
 
 def math_tokens(text: str) -> list[MathToken]:
@@ -222,13 +218,12 @@ def sphere_equations(
         _each("rim_speed", "u_i = r · φ̇_i", drive.wheel_radius_m * joints, "m/s"),
         _twist("ω = ( J^T · J )^−1 · J^T · φ̇", solution, units),
         _residual("ρ = r · ( φ̇ − J · ω )", solution),
-        _equation("axis", "n = { ω ; | ω | }", axis or (None,) * 3, ("",) * 3, "point"),
+        _equation("axis", "n = { ω ; | ω | }", axis or (None,) * 3, ("",) * 3),
         _equation(
             "row_offset",
             "sin Δθ = { d ; 2 · ( R + r_r ) }",
             [short(math.degrees(drive.row_offset_rad))],
             ["°"],
-            "one",
             by("12"),
         ),
     ]
@@ -271,17 +266,16 @@ def _equation(
     formula: str,
     values: Sequence[float | None],
     units: Sequence[str],
-    over: _Over,
     source: tuple[str, str, bool] = _OWN,
 ) -> Equation:
-    return Equation(name, math_tokens(formula), values, units, over, *source)
+    return Equation(name, math_tokens(formula), values, units, *source)
 
 
 def _each(
     name: str, formula: str, values: Array, unit: str, source: tuple[str, str, bool] = _OWN
 ) -> Equation:
     numbers = [short(value) for value in values]
-    return _equation(name, formula, numbers, [unit] * len(numbers), "actuators", source)
+    return _equation(name, formula, numbers, [unit] * len(numbers), source)
 
 
 def _twist(
@@ -290,7 +284,7 @@ def _twist(
     units: Sequence[str],
     source: tuple[str, str, bool] = _OWN,
 ) -> Equation:
-    return _equation("twist", formula, triple(solution.twist), units, "twist", source)
+    return _equation("twist", formula, triple(solution.twist), units, source)
 
 
 def residual_rms_mps(solution: TwistSolution) -> float:
@@ -300,13 +294,11 @@ def residual_rms_mps(solution: TwistSolution) -> float:
 
 
 def _residual(formula: str, solution: TwistSolution) -> Equation:
-    return _equation(
-        "residual", formula, [short(1000.0 * residual_rms_mps(solution))], ["mm/s"], "one"
-    )
+    return _equation("residual", formula, [short(1000.0 * residual_rms_mps(solution))], ["mm/s"])
 
 
 def _centre_equation(twist: Array) -> Equation:
     vx, vy, omega = twist.tolist()
     still = abs(omega) < _TURNING
     values = (None, None) if still else (short(-vy / omega), short(vx / omega))
-    return _equation("centre", "c = { ( − v_y , v_x ) ; ω }", values, ("m", "m"), "point")
+    return _equation("centre", "c = { ( − v_y , v_x ) ; ω }", values, ("m", "m"))

@@ -30,9 +30,6 @@ from tsd_twin.messages.cdr import JointState, Odometry
 from tsd_twin.messages.status import RobotStatus
 from tsd_twin.motion import TwistLimiter
 
-SPEED_LEVELS_PERCENT = (20, 50, 80, 100)
-"""Selectable speeds in percent of the limits."""
-
 
 class RobotTelemetry:
     """Telemetry of a robot: `RobotInfo` and `RobotState` of its client."""
@@ -53,7 +50,6 @@ class RobotTelemetry:
             id=self._link.id,
             title=robot.title,
             limits=SpeedLimits(robot.limits.speed_mps, robot.limits.turn_rate_rad_per_s),
-            levels=SPEED_LEVELS_PERCENT,
             space="floor" if self._kinematics.pose_type is SE2 else "sphere",
             twist_axes=twist_axes_of(self._kinematics),
             twist_scale_m=self._kinematics.twist_scale_m,

@@ -42,8 +42,6 @@ class FleetRobot(msgspec.Struct, frozen=True):
     """Number of modules or wheels; 0 if unknown."""
     space: Literal["floor", "sphere"]
     """A robot on the floor has a pose; a sphere has none."""
-    reach_m: float
-    """Radius around the base."""
     source: Source
     """Only a `robot` can be stopped or driven; `several` robots share one id."""
     silent: bool

@@ -248,7 +248,7 @@ DisplayMessage: TypeAlias = (
     | ShowShadow
     | StudentRequest
 )
-"""Messages that change only what the page is sent."""
+"""Messages that affect only the messages to the page."""
 PageMessage: TypeAlias = (
     TeleopMessage
     | PreviewRequest

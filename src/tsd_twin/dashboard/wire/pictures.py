@@ -26,6 +26,6 @@ class PictureRequest(msgspec.Struct, frozen=True):
     width: int
     """Width of the pane, in pixels of the screen."""
     rtt_ms: float
-    """Recent round trip between page and dashboard."""
+    """Least recent round trip between page and dashboard."""
     held_ms: float
     """Time from the arrival of the previous picture to this request."""

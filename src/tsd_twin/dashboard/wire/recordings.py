@@ -16,8 +16,6 @@ class RowDetails(msgspec.Struct, frozen=True):
     """Operators who had control, in order of time."""
     stops: int
     faults: int
-    fault_texts: Sequence[str]
-    """Different faults, at most ten."""
     paths: Sequence[RecordedPath]
 
 
@@ -45,8 +43,6 @@ class RecordingRow(msgspec.Struct, frozen=True):
     duration_s: float
     robots: Sequence[str]
     size_bytes: int
-    is_whole: bool
-    """Whether it ends with an index; false while it is written, and if it was truncated."""
     writing: bool
     """Whether a recorder is writing it; it cannot be deleted then."""
     marks: int
@@ -70,7 +66,3 @@ class TrashRow(msgspec.Struct, frozen=True):
     deleted_ms: int
     """Wall-clock time."""
     size_bytes: int
-    expires_ms: int
-    """Latest time of the final removal; earlier if the trash exceeds its size limit."""
-    kept_until_ms: int
-    """Until then it is not removed, whatever the size of the trash."""

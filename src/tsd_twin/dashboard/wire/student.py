@@ -59,9 +59,6 @@ class StudentWheel(msgspec.Struct, frozen=True):
     """alpha, beta and tilt in degrees."""
     axle: tuple[float, float] | None = None
     """Horizontal part of the unit vector along the axle."""
-    effective_radius_mm: float | None = None
-    residual_mps: float = 0.0
-    """Speed at the contact that contradicts the twist; zero if the joints agree."""
 
 
 class MathToken(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -88,8 +85,6 @@ class Equation(msgspec.Struct, frozen=True):
     """Values of the left side; None where it is undefined."""
     units: Sequence[str]
     """Unit of each value."""
-    over: Literal["actuators", "twist", "point", "one"]
-    """Meaning of the values: one per module or wheel, a twist, a point or vector, or a number."""
     paper: str = ""
     """Source, or "" if it is derived in `docs/kinematics.md` only."""
     equation: str = ""
@@ -140,8 +135,6 @@ class StudentFigures(msgspec.Struct, frozen=True):
     wheels: Sequence[StudentWheel]
     radius_m: float
     """Wheel radius."""
-    solved: Literal["joints", "twist"]
-    """Quantity computed from the other one."""
     residual_mps: float
     """Root mean square of the least-squares residual at the contacts; zero if the joints agree."""
     redundancy: int

@@ -62,7 +62,6 @@ class RobotInfo(Message, frozen=True, tag="robot"):
     id: str
     title: str
     limits: SpeedLimits
-    levels: Sequence[int]
     space: Literal["floor", "sphere"]
     """Pose type: a robot on a floor, or a sphere rotating in place."""
     twist_axes: Sequence[TwistAxisInfo]
@@ -80,8 +79,6 @@ class RobotInfo(Message, frozen=True, tag="robot"):
     """For robots with gimbals."""
     wheels: Sequence[str] = ()
     """Names of the rolling wheels."""
-    max_rpm: float | None = None
-    """Maximum speed of the rolling wheels."""
     joints: Sequence[JointInfo] = ()
     """Rows of the panel `joints`."""
     alternative_estimate: str | None = None
@@ -126,9 +123,6 @@ class GimbalState(GimbalPose, frozen=True):
     """Measured joints of a module and their effect, with the commanded ones."""
 
     radius_mm: float
-    alpha_setpoint: float
-    beta_setpoint: float
-    set_axle: tuple[float, float]
     spinning: bool
     setpoint: GimbalPose
     """Commanded joints; the push is for the measured wheel speed."""
@@ -367,8 +361,6 @@ class HeartbeatReply(Message, frozen=True, tag="heartbeat"):
 
 class RecordingsChanged(Message, frozen=True, tag="recordings_changed"):
     """Recordings, titles, marks or the trash have changed; fetch the list again if it is shown."""
-
-    revision: int
 
 
 # Messages to a page that shows a recording.

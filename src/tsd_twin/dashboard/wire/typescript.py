@@ -31,7 +31,7 @@ from tsd_twin.dashboard.wire.typescript_texts import texts_module
 
 
 def docs_of(cls: type) -> tuple[str, dict[str, str]]:
-    """Return the docstring of a class, and those of its own and inherited fields by name."""
+    """Return the docstring of a class, and the docstrings of all its fields by name."""
     fields: dict[str, str] = {}
     for each in reversed(cls.__mro__):
         if each.__module__.startswith("tsd_twin."):
@@ -111,7 +111,7 @@ def generated() -> dict[str, str]:
 def wire_module() -> str:
     """Return the module with the types of all messages."""
     live, recorded = get_args(PageMessage), get_args(RecordedPageMessage)
-    structs = list(_structs())
+    structs = list(wire_structs())
     from_page = {*live, *recorded}
     to_pages = [each for each in structs if _is_message(each) and each not in from_page]
     others = [each for each in structs if not issubclass(each, Message)]
@@ -145,7 +145,7 @@ def _modules() -> Iterator[ModuleType]:
             yield importlib.import_module(found.name)
 
 
-def _structs() -> Iterator[Struct]:
+def wire_structs() -> Iterator[Struct]:
     """Yield the structs of this package, in the order of modules and definitions."""
     for module in _modules():
         for each in vars(module).values():
@@ -261,7 +261,7 @@ def _constant_name(name: str) -> str:
 
 
 def outdated() -> list[str]:
-    """Return the names of the files that are missing or differ from what is generated."""
+    """Return the names of files that are missing or differ from the generated text."""
     return [
         name
         for name, text in generated().items()

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from tsd_twin.messages.codes import DECIMALS, PARAMETERS, Code, Type
+from tsd_twin.messages.codes import DECIMALS, PARAMETERS, Type
 from tsd_twin.messages.sentences import TEMPLATES, WORDS
 
 HEADER = """\
@@ -49,18 +49,18 @@ export interface Sentences {{
   }};
 }}
 
-export const {language}: Sentences = {{ templates, words }};
+export const en: Sentences = {{ templates, words }};
 """
 
 
-def codes_module(parameters: Mapping[Code, Mapping[str, Type]] = PARAMETERS) -> str:
+def codes_module() -> str:
     """Return the module with all codes and the types of their parameters."""
     types = "\n".join(f"  | {_text(kind)}" for kind in Type)
     rows = {
         code: {name.removesuffix("?"): str(kind) for name, kind in each.items()}
-        for code, each in parameters.items()
+        for code, each in PARAMETERS.items()
     }
-    values = "".join(f"  {code}: {_values_type(each)};\n" for code, each in parameters.items())
+    values = "".join(f"  {code}: {_values_type(each)};\n" for code, each in PARAMETERS.items())
     return f"{HEADER}\n{_CODES.format(types=types, rows=_rows(rows), values=values)}"
 
 
@@ -73,13 +73,9 @@ def _values_type(parameters: Mapping[str, Type]) -> str:
     return f"{{ {'; '.join(fields)} }}" if fields else "Record<string, never>"
 
 
-def sentences_module(
-    language: str = "en",
-    templates: Mapping[Code, str] = TEMPLATES,
-    words: Mapping[Type, Mapping[str, str]] = WORDS,
-) -> str:
-    """Return the module with the sentences of a language, by default the robot's English ones."""
-    text = _SENTENCES.format(templates=_rows(templates), words=_rows(words), language=language)
+def sentences_module() -> str:
+    """Return the module with the robot's English sentences."""
+    text = _SENTENCES.format(templates=_rows(TEMPLATES), words=_rows(WORDS))
     return f"{HEADER}\n{text}"
 
 

@@ -48,8 +48,11 @@ def check(
     joints = robot.kinematics().joints
     sheet = read_sheet(file, robot.name, kind)
     wheels = kind == "dynamixel_wheels" or kind.endswith("can")
-    machine = Machine(joints, _slow(robot), wheels, connect)
-    finding = Walk(machine, sheet, file, ask, say).run(steps_for(kind, joints, receiver=receiver))
+    sensor = robot.wheel_sensor if isinstance(robot, SingularityDescription) else None
+    machine = Machine(joints, _slow(robot), wheels or sensor is not None, connect)
+    hall = sensor is not None and sensor.kind == "hall"
+    steps = steps_for(kind, joints, receiver=receiver, hall_sensors=hall)
+    finding = Walk(machine, sheet, file, ask, say).run(steps)
     say(sheet.page())
     if finding is not None:
         say(f"{finding.code}: {finding.sentence()}")

@@ -35,6 +35,7 @@ class FindingCode(StrEnum):
     WHEEL_SWAPPED = "wheel_swapped"
     WHEEL_REVERSED = "wheel_reversed"
     WHEEL_SPEED = "wheel_speed"
+    WHEEL_SENSOR = "wheel_sensor"
 
 
 SENTENCES: Mapping[FindingCode, str] = {
@@ -82,6 +83,10 @@ SENTENCES: Mapping[FindingCode, str] = {
     FindingCode.WHEEL_SPEED: (
         "wheel {name} turned at {value:.0f} rpm, must be {wanted:.0f} rpm: check pole pairs, gear "
         "ratio and throttle range"
+    ),
+    FindingCode.WHEEL_SENSOR: (
+        "wheel {name} turned, and {seen} measured it: exchange the wires of the sensors, or check "
+        "wire and magnet of sensor {name}"
     ),
 }
 

@@ -68,6 +68,16 @@ class Tilt:
 
 
 @dataclass(frozen=True, slots=True)
+class HandTurn:
+    """A person turns one wheel by hand, and its sensor sends pulses."""
+
+    name: str
+    text: str
+    wheel: int
+    """Number of the wheel, from 1."""
+
+
+@dataclass(frozen=True, slots=True)
 class Swing:
     """The robot tilts one gimbal by 3 deg and returns it."""
 
@@ -87,13 +97,14 @@ class Turn:
     """Number of the wheel, from 1."""
 
 
-Step = Measure | Confirm | Connect | Watch | CompareBattery | Tilt | Swing | Turn
+Step = Measure | Confirm | Connect | Watch | CompareBattery | Tilt | HandTurn | Swing | Turn
 _LONG_S = 3.0
 """Time for line errors to occur, capacitors to discharge, or ESCs to accept zero throttle."""
 MOVING = (Connect, Swing, Turn)
 """Steps that may move something; a person agrees to each of them."""
 
 _PULLED = "Motors' plugs pulled. "
+_RAISED = "Wheels off the ground, nobody near"
 _START = "Hold precharge for 2 s, press and release start"
 _PLUG_IN = "plug in the motors, wheels off the ground, nobody near"
 _SUPPLY: tuple[Step, ...] = (
@@ -188,50 +199,53 @@ _COIL_SUPPLY = Confirm(
 )
 
 
-def steps_for(kind: str, joints: Sequence[Joint], *, receiver: bool = False) -> tuple[Step, ...]:
+def steps_for(
+    kind: str, joints: Sequence[Joint], *, receiver: bool = False, hall_sensors: bool = False
+) -> tuple[Step, ...]:
     """Return the steps of a machine in their order.
 
     Args:
         kind: `mega`, `u2d2`, `dynamixel_wheels`, or `can`; with `+can` if the wheels of a U2D2
             robot have controllers on CAN.
-        joints: Joints of the drive.
+        joints: Joints of the drive. Drives with gimbals have motors with plugs; other wheels are
+            servos, or have a controller each that is soldered to the motor.
         receiver: Whether the calibration has a receiver.
+        hall_sensors: Whether the board has a Hall sensor per wheel.
     """
     gimbals = [i for i, joint in enumerate(joints) if joint.kind is JointKind.POSITION]
     wheels = [i for i, joint in enumerate(joints) if joint.kind is JointKind.VELOCITY]
     has_board, has_can = kind in ("mega", "u2d2"), kind.endswith("can")
-    has_contactor = has_board or has_can
+    has_contactor, has_plugs = has_board or has_can, bool(gimbals)
     return (
         *_SUPPLY,
         *(_CONTACTOR if has_contactor else ()),
         *(_REGULATOR if has_board else ()),
         *(_CAN if has_can else ()),
-        *(() if has_board else _stop_steps(contactor=has_contactor, servos=bool(gimbals))),
-        _connection(board=has_board, plugs=has_contactor),
+        *(() if has_board else _stop_steps(contactor=has_contactor, plugs=has_plugs)),
+        _connection(kind, board=has_board, plugs=has_plugs),
         *(_board_steps(receiver=receiver) if has_board else ()),
         CompareBattery("battery", "Voltage of the battery at the robot's plug, V"),
         *_line_steps(joints, gimbals, kind),
         *(_tilt(joints, i) for i in gimbals),
+        *(_hand_turn(joints, wheels) if has_board and hall_sensors else ()),
         *(_start_steps() if has_board else ()),
         Watch("faults", "Nothing touched. Press Enter to read faults", verdicts.faults, _LONG_S),
         *(_swing(joints, i) for i in gimbals),
-        *_plug_steps(board=has_board, plugs=has_contactor),
+        *_plug_steps(board=has_board, plugs=has_plugs),
         *(_turn(joints, joint, number) for number, joint in enumerate(wheels, 1)),
     )
 
 
-def _connection(*, board: bool, plugs: bool) -> Connect:
-    ready = "Wheels off the ground, nobody near"
+def _connection(kind: str, *, board: bool, plugs: bool) -> Connect:
+    effect = "Wheels stop" if kind == "can" else "Wheels get torque"
+    ready = _RAISED
     if plugs:
         ready += ", motors' plugs pulled, contactor " + ("open" if board else "closed")
-    torque = "" if plugs else "Wheels get torque. "
-    return Connect(
-        "connection",
-        f"{ready}. {torque}Gimbals within 9 deg of upright get torque and turn upright. Connect?",
-    )
+        effect = "Gimbals within 9 deg of upright get torque and turn upright"
+    return Connect("connection", f"{ready}. {effect}. Connect?")
 
 
-def _stop_steps(*, contactor: bool, servos: bool) -> tuple[Step, ...]:
+def _stop_steps(*, contactor: bool, plugs: bool) -> tuple[Step, ...]:
     """Return the test of the stop at a machine that does not measure behind it."""
     if not contactor:
         return (
@@ -241,17 +255,18 @@ def _stop_steps(*, contactor: bool, servos: bool) -> tuple[Step, ...]:
                 "the stop must interrupt the plus of all servos",
             ),
         )
+    ready = _PULLED if plugs else f"{_RAISED}. "
     start = Confirm(
         "stop",
-        f"{_PULLED}{_START}, then press and release the stop: did power go off, and stay off?",
+        f"{ready}{_START}, then press and release the stop: did power go off, and stay off?",
         "the stop must latch: seal-in contact, and a start button",
     )
     again = Confirm(
         "started",
-        f"{_PULLED}{_START} again: do all controllers have power?",
+        f"{ready}{_START} again: do all controllers have power?",
         "check the coil, the seal-in contact and the fuse of the drive",
     )
-    return (start, *((_COIL_SUPPLY,) if servos else ()), again)
+    return (start, *((_COIL_SUPPLY,) if plugs else ()), again)
 
 
 def _board_steps(*, receiver: bool) -> tuple[Step, ...]:
@@ -268,9 +283,14 @@ def _line_steps(joints: Sequence[Joint], gimbals: Sequence[int], kind: str) -> t
     names = [joints[i].name for i in servos]
     text = "Shake all plugs by hand meanwhile. Press Enter to read"
     wheels = [joint.name for joint in joints if joint.kind is JointKind.VELOCITY]
+    read = "Press Enter to read the"
     return (
-        Watch("servos", "Press Enter to read the servos", verdicts.servos(names)),
-        Watch("controllers", "Press Enter to read the controllers", verdicts.controllers(wheels)),
+        *((Watch("servos", f"{read} servos", verdicts.servos(names)),) if names else ()),
+        *(
+            (Watch("controllers", f"{read} controllers", verdicts.controllers(wheels)),)
+            if kind.endswith("can")
+            else ()
+        ),
         Watch("line", text, verdicts.line, _LONG_S),
         Watch("warnings", "Press Enter to read warnings", verdicts.warnings),
     )
@@ -327,6 +347,18 @@ def _tilt(joints: Sequence[Joint], i: int) -> Step:
         f"Push {name} by hand in its positive direction (arrow of the drawing), hold it, then "
         "Enter",
         i,
+    )
+
+
+def _hand_turn(joints: Sequence[Joint], wheels: Sequence[int]) -> tuple[Step, ...]:
+    return tuple(
+        HandTurn(
+            f"sensor_{joints[i].name}",
+            f"Press Enter, then turn wheel {number} ({joints[i].name}) by hand for 5 s, by two "
+            "turns or more, and no other wheel",
+            number,
+        )
+        for number, i in enumerate(wheels, 1)
     )
 
 

@@ -89,8 +89,6 @@ def servos(names: Sequence[str]) -> Callable[[Sequence[Reading]], Finding | None
     """Judge whether all servos answer with the battery's voltage."""
 
     def verdict(readings: Sequence[Reading]) -> Finding | None:
-        if not names:
-            return None
         state = readings[-1].status.get("servos", {})
         alive = state.get("alive", [False] * len(names))
         silent = [name for name, there in zip(names, alive, strict=True) if not there]
@@ -102,12 +100,10 @@ def servos(names: Sequence[str]) -> Callable[[Sequence[Reading]], Finding | None
 
 
 def controllers(names: Sequence[str]) -> Callable[[Sequence[Reading]], Finding | None]:
-    """Judge the supply of motor controllers on CAN; other machines have none."""
+    """Judge the supply of motor controllers on CAN."""
 
     def verdict(readings: Sequence[Reading]) -> Finding | None:
-        wheels = readings[-1].status.get("wheels")
-        if wheels is None:
-            return None
+        wheels = readings[-1].status["wheels"]
         volts = [math.nan if v is None else v for v in wheels["voltage_v"]]
         return _branches(names, volts, readings, FindingCode.CONTROLLER_SUPPLY)
 
@@ -163,6 +159,19 @@ def moved(
     if most != joint:
         return found(FindingCode.JOINT_SWAPPED, name=name, other=names[most])
     return None if value > 0.0 else found(FindingCode.JOINT_REVERSED, name=name)
+
+
+def sensed(wheel: int, readings: Sequence[Reading]) -> Finding | None:
+    """Judge which speed sensors sent pulses while a person turned one wheel."""
+    ages = [it.status["wheels"]["age_ms"] for it in readings]
+    pulsed = [i for i, column in enumerate(zip(*ages, strict=True), 1) if set(column) - {None}]
+    return None if pulsed == [wheel] else wrong_sensor(wheel, pulsed)
+
+
+def wrong_sensor(wheel: int, seen: Sequence[int]) -> Finding:
+    """Return the finding that a wheel turned, and the sensors of other wheels measured it."""
+    sensors = ", ".join(f"sensor {i}" for i in seen) or "no sensor"
+    return found(FindingCode.WHEEL_SENSOR, name=str(wheel), seen=sensors)
 
 
 def turned(wheel: int, seen: int, *, along: bool) -> Finding | None:

@@ -25,6 +25,7 @@ from tsd_twin.hardware.commissioning.steps import (
     CompareBattery,
     Confirm,
     Connect,
+    HandTurn,
     Measure,
     Step,
     Swing,
@@ -51,6 +52,7 @@ _OFF_S = 2.5
 _SWING_S = 1.5
 """Time of a tilt, and of its return."""
 _TURN_S = 6.0
+_HAND_TURN_S = 5.0
 _CYCLE_S = 0.01
 _DISARM_S = 0.1
 _RAMP = 0.5
@@ -59,7 +61,7 @@ _RECENT_S = 0.2
 _FRESH, _FRESH_S = 4, 2.0
 """New measurements before a reading counts, and the maximum time until they arrive."""
 _YES = ("y", "yes")
-_SKIPPED = (Measure, Confirm, Tilt, Swing, Turn)
+_SKIPPED = (Measure, Confirm, Tilt, HandTurn, Swing, Turn)
 """Steps that are not repeated after an interruption; the others are quick and read live values."""
 
 
@@ -91,6 +93,8 @@ class Walk:
         self._beats = 0
         self._joints = np.full(len(machine.joints), np.nan)
         self._value: float | None = None
+        self._fastest_rpm: dict[int, float] = {}
+        """Largest measured speed by number of the wheel, in this step."""
         self._names = [joint.name for joint in machine.joints]
         self._rest = np.zeros(len(machine.joints))
 
@@ -157,8 +161,8 @@ class Walk:
                 if not readings:
                     return found(FindingCode.NO_STATUS)
                 return verdicts.battery(readings, self._value)
-            case Tilt():
-                return self._tilt(step)
+            case Tilt() | HandTurn():
+                return self._tilt(step) if isinstance(step, Tilt) else self._hand_turn(step)
             case Swing():
                 return self._swing(step)
             case Turn():
@@ -185,6 +189,11 @@ class Walk:
         after = self._position()
         return verdicts.moved(self._names, step.joint, before, after, verdicts.HAND_DEG)
 
+    def _hand_turn(self, step: HandTurn) -> Finding | None:
+        self._pause(step.text)
+        readings = self._watch(_HAND_TURN_S)
+        return verdicts.sensed(step.wheel, readings) if readings else found(FindingCode.NO_STATUS)
+
     def _swing(self, step: Swing) -> Finding | None:
         goal = self._rest.copy()
         goal[step.joint] = math.radians(verdicts.SWING_DEG)
@@ -204,17 +213,22 @@ class Walk:
         goal = self._rest.copy()
         goal[step.joint] = self._machine.wheel_rad_per_s
         try:
+            self._fastest_rpm = {}
             finding = self._arm() or self._hold(goal, _TURN_S)
             speed_rpm = self._speed_rpm(step)
         finally:
             self._disarm()
-        if finding is not None:
+        wanted_rpm = self._machine.wheel_rad_per_s * 30.0 / math.pi
+        measured = [i for i, rpm in self._fastest_rpm.items() if rpm > wanted_rpm / 2.0]
+        swapped = bool(measured) and step.wheel not in measured
+        if finding is not None and not swapped:
             return finding
         seen = self._number("Number of the wheel that turned, from 1; 0 if none: ")
         along = self._agrees("Did it turn in the direction of its arrow?")
         if turned := verdicts.turned(step.wheel, round(seen), along=along):
             return turned
-        wanted_rpm = self._machine.wheel_rad_per_s * 30.0 / math.pi
+        if swapped:
+            return verdicts.wrong_sensor(step.wheel, measured)
         if self._machine.measures_wheels and (
             turned := verdicts.speed(step.wheel, speed_rpm, wanted_rpm, measured=True)
         ):
@@ -257,9 +271,16 @@ class Walk:
             part = min(1.0, elapsed_s / (_RAMP * seconds))
             setpoint = goal if since is None else since + part * (goal - since)
             self._cycle(setpoint, armed=True)
+            self._note_speeds()
             if fault := self._fault():
                 return found(FindingCode.FAULT, text=fault)
         return None
+
+    def _note_speeds(self) -> None:
+        wheels = self._open().hardware().get("wheels", {})
+        for i, rpm in enumerate(wheels.get("rpm", ()), 1):
+            if rpm is not None:
+                self._fastest_rpm[i] = max(self._fastest_rpm.get(i, 0.0), abs(rpm))
 
     def _watch(self, seconds: float) -> list[Reading]:
         """Return readings over a time; none if no new measurement arrives."""

@@ -24,6 +24,8 @@ from tsd_twin.hardware.dynamixel.control_table import (
     ResetCause,
     Trip,
     Type,
+    WheelSensor,
+    blinks,
 )
 from tsd_twin.hardware.dynamixel.servo_models import MODELS, ServoModel, span
 
@@ -46,8 +48,12 @@ _CONSTANTS = (
     "RECEIVER_CHANNELS",
     "STICKS",
 )
-_CODES: tuple[type[IntEnum], ...] = (BoardMode, Trip, Refusal, ReceiverKind)
-_C_NAMES: dict[type[IntEnum], str] = {BoardMode: "BOARD", ReceiverKind: "RECEIVER"}
+_CODES: tuple[type[IntEnum], ...] = (BoardMode, Trip, Refusal, ReceiverKind, WheelSensor)
+_C_NAMES: dict[type[IntEnum], str] = {
+    BoardMode: "BOARD",
+    ReceiverKind: "RECEIVER",
+    WheelSensor: "WHEEL_SENSOR",
+}
 _THROTTLES = ("ZERO_THROTTLE", "FULL_THROTTLE")
 
 
@@ -106,13 +112,16 @@ def header() -> str:
     return "\n".join([*lines, "", "#endif", ""])
 
 
-def _docs(block: type[Block]) -> dict[str, str]:
+def _docs(block: type[Block] | type[IntEnum]) -> dict[str, str]:
     """Return the docstrings of the fields, which only the source contains."""
     docs: dict[str, str] = {}
     (definition,) = ast.parse(inspect.getsource(block)).body
     for field, doc in pairwise(ast.iter_child_nodes(definition)):
         match field, doc:
-            case ast.AnnAssign(target=ast.Name(name)), ast.Expr(ast.Constant(str(text))):
+            case (
+                ast.AnnAssign(target=ast.Name(name)) | ast.Assign(targets=[ast.Name(name)]),
+                ast.Expr(ast.Constant(str(text))),
+            ):
                 docs[name] = " ".join(text.split())
             case _:
                 pass
@@ -178,6 +187,23 @@ def page() -> str:
     for codes in (*_CODES, ResetCause):
         lines += ["", f"`{codes.__name__}`: "]
         lines[-1] += ", ".join(f"{c.value} {c.name}" for c in codes) + "."
+    lines += [
+        "",
+        "## Light",
+        "",
+        "The light of the board is on while a source has the robot; under radio control it goes "
+        "out for 0.2 s every 1.7 s. Without a source it is off. After a trip, until the next "
+        "arming, it blinks its code: a long blink of 0.8 s for each five, then a short one of "
+        "0.2 s for each of the rest, and a pause of 1.5 s.",
+        "",
+        "| Long | Short | `Trip` | Cause |",
+        "| ---: | ---: | --- | --- |",
+    ]
+    docs = _docs(Trip)
+    for trip in Trip:
+        if trip:
+            long, short = blinks(trip)
+            lines += [f"| {long} | {short} | {trip.name} | {docs[trip.name]} |"]
     return "\n".join([*lines, ""])
 
 

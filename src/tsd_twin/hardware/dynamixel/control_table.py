@@ -12,8 +12,8 @@ from itertools import islice
 from struct import Struct, calcsize
 from typing import Annotated, Any, ClassVar, Literal, Self, cast, get_type_hints
 
-TABLE_VERSION = 6
-FW_VERSION = 6
+TABLE_VERSION = 8
+FW_VERSION = 8
 MODEL = 2014
 """Model number in ping responses; the year of the thesis."""
 BOARD_ID = 200
@@ -23,6 +23,7 @@ ESCS = 3
 RC_CHANNELS = 6
 RECEIVER_CHANNELS = 16
 """Number of SBUS channels."""
+PAST_TRIPS = 8
 STICKS = 4
 """The first four channels: forward, left, turn, speed."""
 SERVO_HOT_C = 75
@@ -181,6 +182,10 @@ class Setup(Block):
     """Maximum throttle from any source."""
     throttle_rise: Annotated[int, Item("u16", (1, FULL_THROTTLE - ZERO_THROTTLE))] = 2000
     """Maximum throttle increase per 10 ms; decreases are immediate."""
+    wheel_sensor: Annotated[int, Item("u8", (0, 2))] = 0
+    """Source of the wheel speeds: `WheelSensor`. 2 is error 4 on a Mega."""
+    wheel_pulses: Annotated[int, Item("u8", (1, 255))] = 1
+    """Pulses of a wheel sensor per turn of its wheel; with telemetry, pole pairs of its motor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -305,6 +310,29 @@ class Telemetry(Block):
 
 
 @dataclass(frozen=True, slots=True)
+class Wheels(Block):
+    """Wheel speeds: read together with the telemetry, if the robot has wheel sensors."""
+
+    NAME: ClassVar[str] = "wheels"
+    ACCESS: ClassVar[Access] = "r"
+
+    wheel_measured: Annotated[int, Item("u8")] = 0
+    """Bit i: the sensor of wheel i has sent pulses since the start, so its speed is measured."""
+    wheel_rpm: Annotated[Ints, Item("u16", unit="rpm")] = (0,) * ESCS
+    """Measured wheel speeds; 0 if not measured."""
+    wheel_age: Annotated[Ints, Item("u8", unit="ms")] = (255,) * ESCS
+    """Time since the last pulse of each wheel sensor, at most 255."""
+    wheel_stuck: Annotated[int, Item("u8")] = 0
+    """Number (from 1) of the wheel that did not follow at the last trip, see the next two items;
+    else 0.
+    """
+    stuck_rpm: Annotated[int, Item("u16", unit="rpm")] = 0
+    """Measured speed of this wheel."""
+    stuck_wanted_rpm: Annotated[int, Item("u16", unit="rpm")] = 0
+    """Speed at its throttle."""
+
+
+@dataclass(frozen=True, slots=True)
 class Radio(Block):
     """All receiver channels of both types, for setting up the receiver."""
 
@@ -344,13 +372,32 @@ class Geometry(Block):
     """Angular acceleration limit."""
 
 
+@dataclass(frozen=True, slots=True)
+class TripHistory(Block):
+    """The last eight trips, latest first, in EEPROM; arming does not erase them."""
+
+    NAME: ClassVar[str] = "history"
+    ACCESS: ClassVar[Access] = "r"
+
+    past_trip: Annotated[Ints, Item("u8")] = (0,) * PAST_TRIPS
+    """Reasons: `Trip`; 0 if there were fewer."""
+    past_start: Annotated[Ints, Item("u8")] = (0,) * PAST_TRIPS
+    """Power-ups in which they occurred: the lower byte of `nonce`."""
+    past_uptime_s: Annotated[Ints, Item("u16", unit="s")] = (0,) * PAST_TRIPS
+    """Time since the reset, at most 65535."""
+    past_lowest: Annotated[Ints, Item("u8", unit="0.1 V")] = (0,) * PAST_TRIPS
+    """Lowest battery voltage since a source had got the robot; 0 if none had."""
+
+
 BLOCKS: tuple[type[Block], ...] = (
     BoardIdentity,
     Setup,
     BoardCommand,
     Telemetry,
+    Wheels,
     Radio,
     Geometry,
+    TripHistory,
 )
 
 
@@ -416,6 +463,13 @@ class Trip(IntEnum):
     """
     STOPPED = 14
     """The PC wrote 2 to `arm`: STOP."""
+    WHEEL = 15
+    """The measured speed of a wheel is far from its throttle."""
+
+
+def blinks(trip: Trip) -> tuple[int, int]:
+    """Return how often the board's light blinks long, for each five of the code, and short."""
+    return divmod(trip, 5)
 
 
 class Refusal(IntEnum):
@@ -478,6 +532,16 @@ class ReceiverKind(IntEnum):
     """One wire per channel (six)."""
     SBUS = 1
     """One wire with frames of 16 channels."""
+
+
+class WheelSensor(IntEnum):
+    """Source of the wheel speeds."""
+
+    NONE = 0
+    HALL = 1
+    """One wire per wheel with pulses: a Hall sensor, or one phase of the motor."""
+    TELEMETRY = 2
+    """One wire per wheel with telemetry of its speed controller (KISS, BLHeli_32)."""
 
 
 class RcChannel(IntEnum):

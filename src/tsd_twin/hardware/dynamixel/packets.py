@@ -48,6 +48,7 @@ class Instruction(IntEnum):
     SYNC_WRITE = 0x83
 
 
+RANGE_ERROR = 4
 ACCESS_ERROR = 7
 """Error of Protocol 2.0: the register is not writable in this state."""
 ALERT = 0x80

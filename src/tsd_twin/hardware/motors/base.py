@@ -41,7 +41,7 @@ class Motors(Protocol):
     states: list[MotorState]
 
     def questions(self) -> Sequence[Frame]:
-        """Return the frames that ask for what is checked before the first arming."""
+        """Return the frames that request the settings checked before the first arming."""
         ...
 
     def problem(self, i: int) -> str:

@@ -70,7 +70,7 @@ def padded(data: bytes) -> bytes:
 
 
 def command(device: int, body: bytes) -> Frame:
-    """Return a frame from 0 to a controller that asks for a reply."""
+    """Return a frame from 0 to a controller, with a request for a reply."""
     identifier = _WANTS_REPLY | device
     return Frame(identifier, padded(body), extended=True, fd=True)
 

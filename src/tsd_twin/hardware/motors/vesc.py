@@ -1,6 +1,6 @@
-"""VESC motor controllers: frames of CAN and packets of UART. Pure.
+"""VESC motor controllers: frames of CAN. Pure.
 
-Source: vedderb/bldc, comm/comm_can.c, comm/packet.c, confgenerator.c and datatypes.h, firmware 7.
+Source: vedderb/bldc, comm/comm_can.c, confgenerator.c and datatypes.h, firmware 7.
 A VESC stops a time after the last set command; its time-out does not latch, so the next command
 turns the motor again, and the bridge must not send one. Status frames are off as delivered.
 """
@@ -8,9 +8,10 @@ turns the motor again, and the bridge must not send one. Status frames are off a
 from __future__ import annotations
 
 import math
+from binascii import crc_hqx
 from collections.abc import Sequence
 from enum import IntEnum
-from struct import pack, unpack, unpack_from
+from struct import pack, unpack
 
 from tsd_twin.hardware.motors.base import Frame, MotorState
 
@@ -30,10 +31,9 @@ class Can(IntEnum):
 
 
 class Comm(IntEnum):
-    """Commands of packets, over UART or in the buffers of CAN."""
+    """Commands in the buffers of CAN."""
 
     FW_VERSION = 0
-    GET_VALUES = 4
     SET_RPM = 8
     GET_APPCONF = 17
 
@@ -48,34 +48,7 @@ _STATUS_1, _STATUS_4, _STATUS_5 = 1, 8, 16
 """Bits of `can_status_msgs`."""
 _NEEDED = _STATUS_1 | _STATUS_4 | _STATUS_5
 _LEAST_RATE_HZ = 20
-_UNREAD = "its settings were not read"
-
-
-def crc16(data: bytes) -> int:
-    """Return the CRC-16 with polynomial 0x1021 and start 0 (CRC-16/XMODEM)."""
-    crc = 0
-    for byte in data:
-        crc ^= byte << 8
-        for _ in range(8):
-            crc = (crc << 1 ^ (0x1021 if crc & 0x8000 else 0)) & 0xFFFF
-    return crc
-
-
-def uart_packet(payload: bytes) -> bytes:
-    """Return a payload as a packet of UART."""
-    size = pack(">BB", 2, len(payload)) if len(payload) < 256 else pack(">BH", 3, len(payload))
-    return size + payload + pack(">HB", crc16(payload), 3)
-
-
-def uart_payload(packet: bytes) -> bytes | None:
-    """Return the payload of a complete packet of UART, or None if it is broken."""
-    head = {2: 2, 3: 3}.get(packet[0] if packet else 0)
-    if head is None or len(packet) < head + 3 or packet[-1] != 3:
-        return None
-    payload = packet[head:-3]
-    size = int.from_bytes(packet[1:head], "big")
-    (crc,) = unpack_from(">H", packet, len(packet) - 3)
-    return payload if len(payload) == size and crc16(payload) == crc else None
+_UNREAD = "it does not answer with its settings"
 
 
 def frame(packet: Can, device: int, data: bytes) -> Frame:
@@ -113,7 +86,7 @@ class LongReply:
             size, crc = unpack(">HH", data[2:6])
             payload = bytes(self._buffer[:size])
             self._buffer.clear()
-            return payload if len(payload) == size and crc16(payload) == crc else None
+            return payload if len(payload) == size and crc_hqx(payload, 0) == crc else None
         return None
 
     def _put(self, at: int, data: bytes) -> None:

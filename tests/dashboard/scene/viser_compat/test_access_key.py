@@ -1,4 +1,4 @@
-"""viser's port answers to the gateway alone."""
+"""viser's port serves only the gateway."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_with_the_key_it_works_as_ever(server: viser.ViserServer) -> None:
 
 
 def test_other_servers_of_this_process_stay_open_to_all() -> None:
-    """Ours alone asks: nothing is left changed in the library."""
+    """Only our server requires a key; the library is not modified."""
     before = websockets.asyncio.server.serve
     viser_compat.start_server("test").stop()
     assert websockets.asyncio.server.serve is before

@@ -1,4 +1,4 @@
-"""What is drawn from any thread wakes viser's loop, and touches nothing that belongs to it."""
+"""Drawing from any thread wakes viser's event loop without touching its objects."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PAUSE_S = 0.05
 
 
 class Waiters(deque[Any]):
-    """Who waits for an event, and the threads that looked for them."""
+    """Records the waiters of an event and the threads that looked them up."""
 
     def __init__(self, before: deque[Any]) -> None:
         super().__init__(before)
@@ -31,7 +31,7 @@ class Waiters(deque[Any]):
 
 
 def watched(server: Any, event: Any) -> tuple[Waiters, int]:
-    """Who waits for an event of the server's loop from now on, and the thread of that loop."""
+    """Record the waiters of the server's loop events, and return the thread of that loop."""
     found: list[tuple[Waiters, int]] = []
     done = threading.Event()
 
@@ -57,7 +57,7 @@ def test_only_the_loop_looks_for_who_waits_whoever_fills_a_queue() -> None:
                 (client._websock_connection.get_message_buffer(), client.scene.add_frame),
             ):
                 waiters, loop_thread = watched(server, filled.message_event)
-                # Longer apart than viser takes to send one, so that the loop waits for the next.
+                # Spaced so that the loop waits for each next message.
                 for i in range(FRAMES):
                     draw(f"/frame{i}")
                     if waiters.looked.wait(PAUSE_S):

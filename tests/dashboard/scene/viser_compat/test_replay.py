@@ -1,4 +1,4 @@
-"""Connecting takes as long after a hundred million messages as after none, and brings the same."""
+"""Connecting is as fast after 100 million messages as after none, and yields the same state."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.errors import TwinError
 
 DAY = 100_000_000
-"""Messages of a day: ten robots with two poses each, sixty times a second."""
+"""Messages per day: ten robots with two poses each at 60 Hz."""
 
 
 @pytest.fixture
@@ -37,14 +37,14 @@ def server() -> Generator[viser.ViserServer]:
 
 
 def let_a_day_pass(server: viser.ViserServer) -> None:
-    """As if that many messages had been sent, each overtaken by a newer one."""
+    """Advance the counters as if this many superseded messages had been sent."""
     buffer = server._websock_server._broadcast_buffer
     with buffer.buffer_lock:
         buffer.message_counter += DAY
 
 
 def connect_s(server: viser.ViserServer) -> float:
-    """The best of some, since another process may come between."""
+    """Return the best of several connection times, because other processes interfere."""
     times_s = list[float]()
     for _ in range(5):
         start_s = time.perf_counter()
@@ -56,10 +56,10 @@ def connect_s(server: viser.ViserServer) -> float:
 def test_connecting_takes_no_longer_after_a_day_than_at_the_start(
     server: viser.ViserServer,
 ) -> None:
-    """viser's own loop takes more than a thousand times as long, a busy machine a few times."""
+    """viser's own loop takes over 1000 times as long; a busy machine only a few times."""
     fresh_s = connect_s(server)
     let_a_day_pass(server)
-    server.scene.add_frame("/new")  # A gap between what is kept, not only before it.
+    server.scene.add_frame("/new")  # Adds a gap between retained messages, not only before them.
     assert connect_s(server) < 20 * fresh_s
 
 
@@ -86,7 +86,7 @@ def test_who_comes_late_sees_what_those_see_who_were_there(server: viser.ViserSe
 
 
 def same_picture(one: ViserClient, other: ViserClient) -> bool:
-    """Compared as text, since properties may hold arrays."""
+    """Compared as text, because properties may contain arrays."""
     return repr(sorted(one.shared.items())) == repr(sorted(other.shared.items()))
 
 
@@ -117,7 +117,7 @@ def test_what_is_sent_while_clients_connect_reaches_all(server: viser.ViserServe
 
 
 def test_removals_are_forgotten_once_nobody_waits_for_them(server: viser.ViserServer) -> None:
-    """viser asks how far each client has come; one that has left must not hold it up."""
+    """viser polls each client's progress; one that left must not block removal."""
     buffer = server._websock_server._broadcast_buffer
     with viser_client(server.get_port()) as viewer:
         server.scene.add_frame("/it").remove()
@@ -132,7 +132,7 @@ def test_removals_are_forgotten_once_nobody_waits_for_them(server: viser.ViserSe
 
 @dataclass
 class Note(Message):
-    """A message like viser's, of which the newest about a thing is kept."""
+    """A message of which only the latest per key is retained, as in viser."""
 
     thing: int
     number: int
@@ -149,7 +149,7 @@ Loop = AsyncGenerator[Sequence[Message]]
 
 @dataclass(frozen=True)
 class Burst:
-    """So many messages about so many things, some of which a client is not to be told."""
+    """A number of messages about a number of keys, some of which are excluded for a client."""
 
     count: int
     things: int
@@ -163,12 +163,12 @@ class Burst:
             yield note
 
 
-# Windows hold 128: bursts are less than one, and several.
+# The window size is 128, so bursts are smaller than one or span several.
 bursts = st.builds(Burst, st.integers(0, 600), st.integers(1, 600), st.integers(0, 99))
 
 
 async def told(loop_of: str, story: list[Burst], client: int) -> list[Note]:
-    """What a client is sent by viser's loop or ours, when it comes after the first burst."""
+    """Return the messages that a loop sends to a client connecting after the first burst."""
     queue = viser_compat.MessageQueue if loop_of == "ours" else AsyncMessageBuffer
     buffer = queue(asyncio.get_running_loop(), persistent_messages=True)
     buffer.window_duration_sec = 0.0
@@ -179,7 +179,7 @@ async def told(loop_of: str, story: list[Burst], client: int) -> list[Note]:
             buffer.push(note)
         if windows is None:
             windows = buffer.window_generator(client, DONE)
-            buffer.push(Note(0, -3))  # Live already, though nothing has been sent yet.
+            buffer.push(Note(0, -3))  # Live mode, although nothing has been sent yet.
         buffer.push(END)
         while END not in came:
             window = await anext(windows)
@@ -197,7 +197,7 @@ async def told(loop_of: str, story: list[Burst], client: int) -> list[Note]:
 def test_what_is_sent_and_in_which_order_is_as_viser_has_it(
     story: list[Burst], client: int
 ) -> None:
-    """The loop that is replaced is the oracle, and it says where the replay ends too."""
+    """Order, content and end of the replay match viser's own loop."""
     theirs = asyncio.run(told("theirs", story, client))
     ours = asyncio.run(told("ours", story, client))
     assert ours == theirs
@@ -232,12 +232,12 @@ KNOWN = {
         "3c5564f634e18ec9b2806717f16e8ffe663234738ea09a0c5db414387e012b7c"
     ),
 }
-"""SHA-256 of what was read, and relied on, when our loop was written."""
+"""SHA-256 of the viser sources that our loop depends on."""
 
 
 @pytest.mark.parametrize("inside", KNOWN)
 def test_the_inside_of_viser_is_the_one_that_was_read(inside: type) -> None:
-    """When this fails, read what has changed before you enter the new hash."""
+    """If this fails, review the changes in viser before updating the hash."""
     source = inspect.getsource(inside).encode()
     assert hashlib.sha256(source).hexdigest() == KNOWN[inside]
 

@@ -1,4 +1,4 @@
-"""The server is there for the gateway alone, quiet, and gone when it is stopped."""
+"""The viser server is reachable only by the gateway, prints nothing, and stops completely."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def server() -> Generator[viser.ViserServer]:
 def test_it_listens_on_the_loopback_alone(server: viser.ViserServer) -> None:
     assert server.get_host() == "127.0.0.1"
     with socket.socket() as probe, pytest.raises(ConnectionRefusedError):
-        probe.connect(("127.0.0.2", server.get_port()))  # Answers if all addresses are listened on.
+        probe.connect(("127.0.0.2", server.get_port()))  # Would answer if bound to all addresses.
 
 
 def test_two_of_them_have_a_port_each(server: viser.ViserServer) -> None:
@@ -37,7 +37,7 @@ def test_two_of_them_have_a_port_each(server: viser.ViserServer) -> None:
 
 
 def test_it_says_nothing(capfd: pytest.CaptureFixture[str]) -> None:
-    """Standard output is where a program says that it is ready, and nothing else."""
+    """Standard output is reserved for the program's ready line."""
     server = viser_compat.start_server("test")
     with viser_client(server.get_port()):
         pass
@@ -46,13 +46,13 @@ def test_it_says_nothing(capfd: pytest.CaptureFixture[str]) -> None:
 
 
 def test_no_client_can_make_it_public(server: viser.ViserServer) -> None:
-    """A wish for a tunnel is not heard; the client that sent it is served on."""
+    """A share request is ignored, and the client remains connected."""
     with viser_client(server.get_port()) as viewer:
         viewer.socket.send(msgspec.msgpack.encode({"type": "ShareUrlRequest"}))
         server.scene.add_frame("/after")
         viewer.until(lambda: viewer.node("/after"))
     heard = {kind.__name__ for kind in server._websock_server._incoming_handlers}
-    assert "ViewerCameraMessage" not in heard  # Each client has a handler of its own for that.
+    assert "ViewerCameraMessage" not in heard  # Camera handlers are registered per client.
     assert not any("Share" in kind for kind in heard)
 
 
@@ -66,7 +66,7 @@ def test_colours_are_as_asked_for(dark: bool) -> None:
 
 
 def test_stopping_ends_it_while_clients_look_on() -> None:
-    """The port is closed, clients see the end, and no thread is left that could answer."""
+    """The port closes, clients are disconnected, and no server thread is left."""
     before = set(threading.enumerate())
     server = viser_compat.start_server("test")
     port = server.get_port()

@@ -1,4 +1,4 @@
-"""What is freed goes back to the system, in a process of its own: the bound holds for all of it."""
+"""Freed memory returns to the system; runs in a separate process, as the setting is global."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 
 _PROGRAM = """
 import psutil
-from tsd_twin.dashboard.app import tune_malloc
+from tsd_twin.cli.malloc import tune_malloc
 
 taken = {call}
 del_me = bytearray(20_000_000)
@@ -23,7 +23,7 @@ print(int(taken), before - psutil.Process().memory_info().rss)
 
 
 def given_back(call: str) -> tuple[int, int]:
-    """Return whether the bound was taken, and the bytes that freeing 100 MB gives back."""
+    """Return whether the setting was accepted, and how much RSS drops on freeing 100 MB."""
     command = [sys.executable, "-c", _PROGRAM.replace("{call}", call)]
     output = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     taken, size = map(int, output.split())

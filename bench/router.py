@@ -1,0 +1,129 @@
+"""Router with TLS and rules, 20 robots, a dashboard and five robots that drive.
+
+The peers of load and memory are the requirements; the peer of a command's delay is a direct link. A
+bare router, without TLS and rules, shows the delay that Zenoh itself adds on this machine.
+"""
+
+from __future__ import annotations
+
+import statistics
+import tempfile
+import threading
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+import psutil
+
+import tsd_twin
+from bench.bus import bare_echo, client_commands, paced
+from bench.programs import mock, peer, tool
+from bench.table import Row, Run, percentile
+from tests.support.router_keys import OPERATOR, make_router_keys
+from tsd_twin.bus import Bus, client_config, dialling_config, from_file
+from tsd_twin.client import RobotClient, RobotStopped
+from tsd_twin.errors import TwinError
+from tsd_twin.messages.modes import LATCHED
+
+_ROBOTS, _DRIVEN = 20, 5
+_CORE_SHARE_MS, _MEMORY_MB = 100.0, 50.0
+_ADDED_MS = 0.5, 2.0
+"""Allowed delay of the router, median and 99th percentile."""
+_PERIOD_S = 0.02
+
+
+def rows(run: Run) -> Iterator[Row]:
+    """Drive four robots throughout, and a fifth one for the delays."""
+    count = int(run.pick(300, 20))
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        others = [f"idle{number + 1}" for number in range(_ROBOTS - 1)]
+        make_router_keys(folder, ["lab1", *others])
+        config = folder / f"{OPERATOR}.json5"
+        router = tool("tsd_router", str(folder / "router.json5"))
+        stack.enter_context(router)
+        measured = ("--id", "lab1", "--zenoh-config", str(folder / "lab1.json5"))
+        stack.enter_context(tool("tsd_mock", *measured))  # A process, like the direct one.
+        fleet = ("--id", "idle", "--count", str(_ROBOTS - 1), "--zenoh-config", str(folder))
+        stack.enter_context(tool("tsd_mock", *fleet))
+        stack.enter_context(tool("tsd_dashboard", "--port", "0", "--zenoh-config", str(config)))
+        endpoint = stack.enter_context(mock())
+        routed = stack.enter_context(Bus(from_file(str(config))))
+        direct = stack.enter_context(Bus(client_config([endpoint])))
+        stack.enter_context(_driven(config, others[: _DRIVEN - 1]))
+
+        def routed_ms() -> Sequence[float]:
+            robot = _connected(config, "lab1")
+            return _quantiles(client_commands(routed, robot, count))
+
+        def direct_ms() -> Sequence[float]:
+            delays = _quantiles(client_commands(direct, tsd_twin.connect(endpoint), count))
+            return [delay + added for delay, added in zip(delays, _ADDED_MS, strict=True)]
+
+        delays = ["router.delay_p50", "router.delay_p99"]
+        if run.wants(*delays):
+            p50_ms, p99_ms = _bare_added_ms(count, int(run.pick(3, 1)))
+            note = f"a bare router adds {p50_ms:.2f} ms to p50 and {p99_ms:.2f} ms to p99"
+            yield from run.alternate(delays, routed_ms, direct_ms, note=lambda: note)
+        with _driven(config, ["lab1"]):
+            seconds = run.pick(5.0, 0.5)
+            yield from run.alternate(
+                ["router.cpu"], lambda: [router.load(seconds)], lambda: [_CORE_SHARE_MS]
+            )
+        process = psutil.Process(router.process.pid)
+        yield from run.alternate(
+            ["router.memory"],
+            lambda: [process.memory_info().rss / 1e6],
+            lambda: [_MEMORY_MB],
+            rounds=1,
+        )
+
+
+def _bare_added_ms(count: int, rounds: int) -> list[float]:
+    """Return the added median and 99th percentile of an echo through a bare router."""
+    added: list[list[float]] = []
+    with ExitStack() as stack:
+        endpoint, router = stack.enter_context(peer("node")), stack.enter_context(peer("router"))
+        stack.enter_context(peer("node", router))
+        direct = bare_echo(stack.enter_context(Bus(client_config([endpoint]))))
+        routed = bare_echo(stack.enter_context(Bus(dialling_config([router]))))
+        for _ in range(rounds):
+            values = [_quantiles(paced(*echo, count)) for echo in (routed, direct)]
+            added.append([a - b for a, b in zip(*values, strict=True)])
+    return [statistics.median(each) for each in zip(*added, strict=True)]
+
+
+def _connected(config: Path, robot: str) -> RobotClient:
+    return tsd_twin.connect(robot=robot, zenoh_config=config)
+
+
+def _quantiles(values: Sequence[float]) -> list[float]:
+    return [percentile(values, 0.5), percentile(values, 0.99)]
+
+
+@contextmanager
+def _driven(config: Path, ids: Iterable[str]) -> Generator[None]:
+    """Drive robots in circles at 50 Hz, each with a session of its operator."""
+    ended = threading.Event()
+
+    def drive() -> None:
+        while not ended.wait(_PERIOD_S):
+            for base in bases:
+                with suppress(TwinError):  # The machine was busy; checked at the end.
+                    try:
+                        base.set_velocity(vx_mps=0.4, omega_rad_per_s=0.8)
+                    except RobotStopped:
+                        base.rest()
+
+    with ExitStack() as stack:
+        robots = [stack.enter_context(_connected(config, robot_id)) for robot_id in ids]
+        bases = [stack.enter_context(robot.control()) for robot in robots]
+        thread = threading.Thread(target=drive)
+        thread.start()
+        try:
+            yield
+            if latched := [robot.id for robot in robots if robot.state.mode in LATCHED]:
+                raise RuntimeError(f"{', '.join(latched)} stopped")
+        finally:
+            ended.set()
+            thread.join()
