@@ -1,4 +1,5 @@
 import { render } from "preact";
+import { act } from "preact/test-utils";
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
 import type { Layer, RobotInfo, SphereState } from "../../src/generated/wire";
 import { legend } from "../../src/scene/corners";
@@ -22,19 +23,21 @@ afterEach(() => {
 async function show(robot?: RobotInfo) {
   const page = openSession(robot);
   const { session } = page;
-  render(
-    <SessionContext.Provider value={session}>
-      <Scene />
-      <GoToForm />
-    </SessionContext.Provider>,
-    host,
+  await act(() =>
+    render(
+      <SessionContext.Provider value={session}>
+        <Scene />
+        <GoToForm />
+      </SessionContext.Provider>,
+      host,
+    ),
   );
-  await settle();
   page.take();
   return page;
 }
 
-const settle = () => new Promise((resolve) => setTimeout(resolve, 20));
+/** Render what has changed, and run effects. */
+const settle = () => act(() => new Promise<void>((resolve) => setTimeout(resolve)));
 const find = (selector: string) => host.querySelector<HTMLElement>(selector);
 const radio = (text: string) =>
   [...host.querySelectorAll<HTMLElement>("[role=radio]")].find((node) => node.textContent === text);
