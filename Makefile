@@ -75,13 +75,13 @@ firmware-rp2040: arm ## Build the firmware for a board with an RP2040
 	@$(MAKE) --no-print-directory -C firmware rp2040
 
 laws: .venv/.dev ## Print the names of all tests by topic, as a specification; ARGS=safety is one topic
-	@$(BIN)/python -m tests.support.laws $(ARGS)
+	@$(BIN)/python -m tests.list_laws $(ARGS)
 
 planted-faults: .venv/.dev ## Count how often tests catch planted faults, quiet and under load; ARGS="--runs 3"
 	$(BIN)/python -m tests.planted_faults $(ARGS)
 
 mutants: .venv/.dev avr ## Change the firmware by operators; each change has to break a rule; ARGS=safety.c is one part
-	OMP_NUM_THREADS=1 nice -n 19 $(BIN)/python -m tests.support.firmware_mutation $(ARGS)
+	OMP_NUM_THREADS=1 nice -n 19 $(BIN)/python -m tests.firmware.mutation $(ARGS)
 
 robot-in-a-box: .venv/.run avr ## Run the firmware in real time behind a port, for tsd-bridge
 	$(BIN)/python -m firmware.simulator $(ARGS)

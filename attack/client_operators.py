@@ -18,7 +18,7 @@ from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 from attack.track import PATIENCE_S
-from tests.app.conftest import Program
+from tests.support.programs import Program
 from tsd_twin.adapters.cmd_vel import PAUSE_S, TWIST
 from tsd_twin.adapters.foxglove.sdk import SUBPROTOCOL
 from tsd_twin.link_emulation import LinkEmulator, LinkSpec

@@ -10,7 +10,7 @@ import numpy as np
 
 from attack.operators import UncheckedOperator
 from attack.table import Row
-from tests.app.conftest import Program
+from tests.support.programs import Program
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.messages import topics

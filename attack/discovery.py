@@ -32,9 +32,9 @@ from attack.live import (
     threads_of,
 )
 from attack.table import Row
-from tests.app.conftest import Program
 from tests.support.bus_operator import BusOperator
 from tests.support.page_client import Page
+from tests.support.programs import Program
 from tests.support.robot_node import ANY_PORT, QUICK
 from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.errors import NoAnswerError

@@ -29,9 +29,9 @@ from websockets.typing import Subprotocol
 
 from attack.live import behind, program
 from attack.table import Row
-from tests.app.conftest import Program
 from tests.support.hostile_recordings import bombs, damaged
 from tests.support.page_client import Page
+from tests.support.programs import Program
 from tests.support.recorded_drives import recorded_circle
 from tests.support.robot_node import ANY_PORT, PATIENT
 from tsd_twin.bus import Bus, client_config

@@ -24,9 +24,9 @@ from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 from attack.table import Row
-from tests.app.conftest import Program
-from tests.support.logins import PHRASE, cookie_of
+from tests.support.gateway_requests import PHRASE, cookie_of
 from tests.support.page_client import Page
+from tests.support.programs import Program
 from tests.support.robot_node import ANY_PORT, QUICK
 from tests.support.viser_client import CAMERA
 from tsd_twin.security import Role

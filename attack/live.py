@@ -13,8 +13,8 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, cast
 
-from tests.app.conftest import Program
 from tests.support.bus_operator import BusOperator
+from tests.support.programs import Program
 from tests.support.robot_node import QUICK, RunningNode
 from tsd_twin import robots
 from tsd_twin.bus import Bus

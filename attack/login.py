@@ -20,12 +20,20 @@ from pathlib import Path
 from urllib.parse import urlencode, urlsplit
 
 from attack.table import Row
-from tests.app.conftest import Program
-from tests.support.logins import PHRASE, cookie_of
-from tests.support.nginx import nginx
-from tests.support.page_client import Page
-from tests.support.raw_http import FORM, MALFORMED, answer, dial, is_closed, malformed, request
-from tests.support.tls_connection import tls_connection
+from tests.support.gateway_requests import (
+    FORM,
+    MALFORMED,
+    PHRASE,
+    answer,
+    cookie_of,
+    dial,
+    is_closed,
+    malformed,
+    nginx,
+    request,
+)
+from tests.support.page_client import Page, tls_connection
+from tests.support.programs import Program
 from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimits
 from tsd_twin.security import Role
 from tsd_twin.security.users import Users

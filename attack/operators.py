@@ -13,8 +13,8 @@ from typing import Protocol
 import msgspec
 
 from attack.track import PATIENCE_S
-from tests.app.conftest import Program
-from tests.support.fault_stage import PretendPage
+from tests.support.pretend_page import PretendPage
+from tests.support.programs import Program
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.client.protocol import ControlProtocol

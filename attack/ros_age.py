@@ -33,9 +33,15 @@ from attack.distances import ATTEMPTS, BEYOND_S, HASTE, REPEATED_S, quick_descri
 from attack.live import program
 from attack.table import Row
 from attack.track import TruthRecorder
-from tests.app.conftest import Program
-from tests.support.ros_nodes import TWIST, TWIST_STAMPED, ForeignNode, foreign_hash, ros_router
-from tests.support.ros_robot import ForeignRobot
+from tests.support.programs import Program
+from tests.support.ros_nodes import (
+    TWIST,
+    TWIST_STAMPED,
+    ForeignNode,
+    ForeignRobot,
+    foreign_hash,
+    ros_router,
+)
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.errors import TwinError

@@ -19,11 +19,10 @@ from pathlib import Path
 
 from attack.live import program, seconds_until
 from attack.table import Row
-from tests.app.conftest import Program
+from tests.support.key_folders import OPERATOR, free_endpoint, make_router_keys
 from tests.support.page_client import Page
+from tests.support.programs import Program, follow_trace
 from tests.support.robot_node import QUICK
-from tests.support.router_keys import OPERATOR, free_endpoint, make_router_keys
-from tests.support.traced_mock import follow_trace
 from tsd_twin import robots
 from tsd_twin.bus import Bus, from_file
 from tsd_twin.messages import topics
@@ -97,7 +96,7 @@ class Lab:
         idle = ("--id", "idle", "--count", str(ROBOTS - DRIVEN), *keys)
         trace = folder / "trace"
         fleets = [
-            stack.enter_context(program("tests.support.traced_mock", str(trace), *driven)),
+            stack.enter_context(program("tests.support.programs", str(trace), *driven)),
             stack.enter_context(program("tsd_mock", *idle)),
         ]
         self._start_router()

@@ -11,7 +11,7 @@ from pathlib import Path
 from attack.client_operators import FoxgloveOperator, ScriptOperator
 from attack.operators import Operator, PageBehindGateway, UncheckedOperator
 from attack.track import DistanceLog, TruthRecorder
-from tests.app.conftest import Program
+from tests.support.programs import Program
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.lie import SO3
 from tsd_twin.link_emulation import LinkEmulator, LinkSpec

@@ -24,7 +24,7 @@ from bench.bus import paced_speeds, watch_setpoint
 from bench.programs import Load, dashboard, mock, peer, program
 from bench.table import Row, Run, percentile, quantiles
 from tests.support.page_client import Page
-from tests.support.robot_feed import RobotFeed
+from tests.support.scene_doubles import RobotFeed
 from tests.support.viser_client import CAMERA, decoded
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.client.monitor import RobotMonitor

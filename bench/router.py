@@ -19,7 +19,7 @@ import tsd_twin
 from bench.bus import bare_echo, client_commands, paced
 from bench.programs import mock, peer, tool
 from bench.table import Row, Run, percentile
-from tests.support.router_keys import OPERATOR, make_router_keys
+from tests.support.key_folders import OPERATOR, make_router_keys
 from tsd_twin.bus import Bus, client_config, dialling_config, from_file
 from tsd_twin.client import RobotClient, RobotStopped
 from tsd_twin.errors import TwinError

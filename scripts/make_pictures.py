@@ -30,7 +30,6 @@ from playwright.sync_api import Browser, Page, expect, sync_playwright
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from tests.app.conftest import starting  # noqa: E402  Found by the line above.
 from tests.support.browser import (  # noqa: E402
     FLAGS,
     PATIENCE_MS,
@@ -40,8 +39,8 @@ from tests.support.browser import (  # noqa: E402
     press,
     take_control_and_arm,
 )
-from tests.support.ros_nodes import ros_router  # noqa: E402
-from tests.support.ros_robot import ForeignRobot  # noqa: E402
+from tests.support.programs import starting  # noqa: E402  Found by the line above.
+from tests.support.ros_nodes import ForeignRobot, ros_router  # noqa: E402
 
 ROBOTS = ("tsd", "omni4", "kiwi", "mecanum", "atlas")
 LAB = {

@@ -11,12 +11,12 @@ import pytest
 from hypothesis import settings
 from pytest_timeout import Settings, timeout_sigalrm
 
-from tests.support.marks import WRITTEN, all_marks, may_choose, possible_marks
+from tests.marks import WRITTEN, all_marks, may_choose, possible_marks
+from tests.slow_tests import is_long, listed, name_of, shared
 from tests.support.robot_node import QUICK, RunningNode, running
-from tests.support.slow_tests import is_long, listed, name_of, shared
-from tests.support.text_tests import NonsenseRun
-from tests.support.time_limits import TimeLimit
 from tests.support.withheld import WithheldTime, budget
+from tests.text_tests import NonsenseRun
+from tests.time_limits import TimeLimit
 from tsd_twin.messages import codes
 
 settings.register_profile("unhurried", deadline=None)  # A slow run is not a failure.

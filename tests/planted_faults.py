@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-FOLDER = ROOT / "tests/support/planted"
+FOLDER = ROOT / "tests/planted"
 EVERY_S = 2.0
 HELD = "tests/system/test_faults.py::test_without_a_fault_a_held_stick_keeps_driving"
 

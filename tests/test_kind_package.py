@@ -19,7 +19,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.page_client import Page
-from tests.support.priorities import AS_OTHERS
+from tests.support.withheld import AS_OTHERS
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / "examples/diffdrive"

@@ -7,7 +7,7 @@ from pathlib import Path
 from token import NAME
 from tokenize import tokenize
 
-from tests.support.laws import TESTS, law, laws, lines
+from tests.list_laws import TESTS, law, laws, lines
 
 
 def test_list_of_laws_has_each_test_once() -> None:

@@ -7,8 +7,8 @@ import sys
 
 import pytest
 
-from tests.support.priorities import AS_OTHERS
-from tests.support.slow_tests import TESTS, is_long, long_listed, name_of
+from tests.slow_tests import TESTS, is_long, long_listed, name_of
+from tests.support.withheld import AS_OTHERS
 
 
 @pytest.mark.system

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.support import marks
-from tests.support.marks import may_choose
-from tests.support.slow_tests import TESTS
+from tests import marks
+from tests.marks import may_choose
+from tests.slow_tests import TESTS
 
 LANES = re.findall(
     r'"((?:not )?(?:timed|busy|programs)[a-z() ]*)"',

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.priorities import AS_OTHERS
-from tests.support.slow_tests import LIMIT_S, TESTS, listed, name_of, slow
+from tests.slow_tests import LIMIT_S, TESTS, listed, name_of, slow
+from tests.support.withheld import AS_OTHERS
 
 
 @pytest.mark.parametrize("file", sorted({name.split("::")[0] for name in listed()}))

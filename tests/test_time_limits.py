@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-from tests.support.time_limits import LONGEST, TimeLimit
+from tests.time_limits import LONGEST, TimeLimit
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(0)]
 

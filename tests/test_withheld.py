@@ -14,8 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.priorities import ROBOT
-from tests.support.withheld import Budget, Pauses, Tally, WithheldTime
+from tests.support.withheld import ROBOT, Budget, Pauses, Tally, WithheldTime
 
 pytestmark = pytest.mark.system
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.support.controller_harness import PERIOD_S
-from tests.support.delayed_client import ROBOTS, DelayedClient
+from tests.support.controller_harness import PERIOD_S, ROBOTS, DelayedClient
 from tsd_twin.adapters.cmd_vel_bridge import REFRESH_S, command_age_for
 from tsd_twin.adapters.foxglove.gateway import PING_S
 

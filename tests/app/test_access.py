@@ -19,7 +19,7 @@ from websockets.asyncio.client import connect as connect_async
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from tests.app.conftest import PATIENCE_S, Program
+from tests.app.mistaken_programs import start_each
 from tests.support.browser import (
     CHEAP_FLAGS,
     FLAGS_WITHOUT_SCENE,
@@ -29,8 +29,8 @@ from tests.support.browser import (
     press,
     press_linked,
 )
-from tests.support.mistaken_programs import start_each
-from tests.support.nginx import nginx
+from tests.support.gateway_requests import nginx
+from tests.support.programs import PATIENCE_S, Program
 from tsd_twin.security import Role
 from tsd_twin.security.users import Users
 

@@ -14,10 +14,10 @@ from typing import Any, Literal
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
+from tests.app.legibility import FAINT, SMALL
+from tests.app.page_states import REFUSED, STATES, TABS, open_tab
 from tests.support.browser import FLAGS_WITHOUT_SCENE
-from tests.support.legibility import FAINT, SMALL
 from tests.support.page_stage import PageStage, page_stage, state
-from tests.support.page_states import REFUSED, STATES, TABS, open_tab
 
 pytestmark = [
     pytest.mark.system,

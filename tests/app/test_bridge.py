@@ -14,10 +14,9 @@ from pathlib import Path
 import pytest
 import serial
 
-from tests.app.conftest import Program
-from tests.support.bridge_machine import AHEAD, Machine, wait_for_mode, wait_until
-from tests.support.faulty_devices import Peer
-from tests.support.servo_chain import ServoChain
+from tests.app.bridge_machine import AHEAD, Machine, wait_for_mode, wait_until
+from tests.support.programs import Program
+from tests.support.pty_devices import Peer, ServoChain
 
 pytestmark = [pytest.mark.system, pytest.mark.busy]
 

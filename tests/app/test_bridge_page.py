@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page, expect, sync_playwright
 
-from tests.app.conftest import PATIENCE_S, Program
-from tests.support.bridge_machine import Machine, wait_until
+from tests.app.bridge_machine import Machine, wait_until
 from tests.support.browser import (
     FLAGS_WITHOUT_SCENE,
     PATIENCE_MS,
@@ -22,6 +21,7 @@ from tests.support.browser import (
     executable,
     mode,
 )
+from tests.support.programs import PATIENCE_S, Program
 from tests.support.withheld import budget
 from tsd_twin import robots
 

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.app.conftest import Program
 from tests.support.bus_operator import BusOperator
 from tests.support.experiment_runs import is_picture
+from tests.support.programs import Program
 from tests.support.robot_node import PATIENCE_S, PATIENT, QUICK, running
 from tests.support.withheld import WithheldTime
 from tsd_mock import OverheadCamera

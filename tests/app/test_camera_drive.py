@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.app.conftest import Program
 from tests.support.experiment_runs import is_picture
+from tests.support.programs import Program
 from tests.support.robot_node import PATIENT
 from tsd_twin import robots
 from tsd_twin.robots import SingularityDescription

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.app.conftest import Program
-from tests.support.bridge_machine import QUICK, wait_until
-from tests.support.wheel_rig import Rig, opened
+from tests.app.bridge_machine import QUICK, wait_until
+from tests.app.wheel_rig import Rig, opened
+from tests.support.programs import Program
 from tsd_twin import robots
 from tsd_twin.messages.codes import Code
 
@@ -51,7 +51,7 @@ def rig_of(start: Start, folder: Path, name: str) -> Generator[Rig]:
     servos = None
     if name == "tsd":
         flags += ["--servos", str(folder / "servos")]
-        servos = start("tests.support.servo_chain", flags[-1])
+        servos = start("tests.support.pty_devices", flags[-1])
         servos.ready()
     with opened(start, name, motors, flags, servos=servos) as rig:
         yield rig
@@ -64,7 +64,7 @@ def test_a_controller_with_another_id_is_refused_and_a_killed_bridge_stops_the_m
     motors, flags = flags_of(start, tmp_path, name, "1,2,9")
     if name == "tsd":
         flags += ["--servos", str(tmp_path / "servos")]
-        start("tests.support.servo_chain", flags[-1]).ready()
+        start("tests.support.pty_devices", flags[-1]).ready()
     bridge = start("tsd_bridge", "--listen", "tcp/127.0.0.1:0", *flags)
     assert bridge.wait() == 1
     assert "motor controller of" in bridge.sentence

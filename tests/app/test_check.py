@@ -21,9 +21,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.app.conftest import PATIENCE_S, Program
-from tests.support.bridge_machine import Box, wait_until
-from tests.support.wheel_robots import WHEEL_ROBOTS
+from tests.app.bridge_machine import Box, wait_until
+from tests.support.programs import PATIENCE_S, Program
+from tests.support.robot_variants import WHEEL_ROBOTS
 from tsd_twin.hardware.commissioning.check import SLOW_RAD_PER_S
 from tsd_twin.hardware.commissioning.sheet import Result, Sheet, read_sheet
 from tsd_twin.hardware.commissioning.steps import Swing, Tilt, Turn, steps_for
@@ -195,7 +195,7 @@ def wheels(
     folder = tmp_path_factory.mktemp("wheels")
     (folder / "robot.toml").write_text(WHEEL_ROBOTS["kiwi"].text)
     port = str(folder / "port")
-    made = start_shared("tests.support.x_series_box", "--link", port)
+    made = start_shared("tests.app.x_series_box", "--link", port)
     return Box(made, port), load_robot(str(folder / "robot.toml")), str(folder / "robot.toml")
 
 

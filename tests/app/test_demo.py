@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 import pytest
 
 import tsd_twin
-from tests.app.conftest import PATIENCE_S, Program, alive, children_of
+from tests.support.programs import PATIENCE_S, Program, alive, children_of
 
 pytestmark = pytest.mark.system
 

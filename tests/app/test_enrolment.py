@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.app.conftest import PATIENCE_S, Program
+from tests.support.programs import PATIENCE_S, Program
 from tsd_twin.bus import Bus, from_file
 from tsd_twin.messages.topics import Service
 

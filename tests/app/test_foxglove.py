@@ -27,18 +27,19 @@ from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 import tsd_twin
-from tests.app.conftest import PATIENCE_S, Program, stays_put
-from tests.support.foxglove_client import (
+from tests.app.conftest import stays_put
+from tests.app.foxglove_client import (
     TWIST,
     ForeignClient,
     foreign_client,
     twist_cdr,
     twist_json,
 )
-from tests.support.provisioning import provision_folder
+from tests.support.key_folders import provision_folder
+from tests.support.link_sockets import Relay
+from tests.support.programs import PATIENCE_S, Program
 from tests.support.recorded_drives import RecordedDrive
 from tests.support.robot_node import QUICK
-from tests.support.tcp_relay import Relay
 from tests.support.withheld import WithheldTime
 from tsd_twin import robots
 from tsd_twin.adapters.foxglove.gateway import FOXGLOVE_ORIGIN, SILENT_S

@@ -8,7 +8,6 @@ from collections.abc import Callable
 import pytest
 from playwright.sync_api import Locator, Page, expect, sync_playwright
 
-from tests.app.conftest import Program
 from tests.support.browser import (
     FLAGS_WITHOUT_SCENE,
     PATIENCE_MS,
@@ -17,6 +16,7 @@ from tests.support.browser import (
     mode,
     press,
 )
+from tests.support.programs import Program
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 

@@ -9,8 +9,8 @@ from collections.abc import Callable, Generator
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from tests.app.conftest import Program
 from tests.support.browser import FEW_FRAMES, PATIENCE_MS, give_back, mode, until_linked
+from tests.support.programs import Program
 from tests.support.withheld import budget
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.app.conftest import Program
+from tests.app.mistaken_programs import start_each
 from tests.support.bus_operator import BusOperator
 from tests.support.experiment_runs import is_picture
-from tests.support.mistaken_programs import start_each
+from tests.support.programs import Program
 from tests.support.robot_node import running
 from tsd_lab import EXPERIMENTS
 

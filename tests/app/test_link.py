@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.app.conftest import Program, children_of
+from tests.support.programs import Program, children_of
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.messages.topics import Service
 

@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from tests.app.conftest import Program
 from tests.support.browser import (
     FLAGS,
     FLAGS_WITHOUT_SCENE,
@@ -19,6 +18,7 @@ from tests.support.browser import (
     until_linked,
 )
 from tests.support.page_stage import PageStage, page_stage, state
+from tests.support.programs import Program
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(180)]
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, expect
 
-from tests.app.conftest import Program
 from tests.support.browser import FLAGS_WITHOUT_SCENE, PATIENCE_MS, mode
+from tests.support.programs import Program
 from tests.support.robot_node import matched
 from tsd_twin import robots
 from tsd_twin.bus import Bus, as_client, client_config

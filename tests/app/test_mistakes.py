@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.mistaken_programs import start_each
+from tests.app.mistaken_programs import start_each
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.app.conftest import PATIENCE_S, Program
-from tests.support.mistaken_programs import start_each
+from tests.app.mistaken_programs import start_each
+from tests.support.programs import PATIENCE_S, Program
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.errors import NoAnswerError

@@ -9,8 +9,8 @@ from collections.abc import Callable
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from tests.app.conftest import PATIENCE_S, Program
 from tests.support.browser import PATIENCE_MS, get_ready, mode
+from tests.support.programs import PATIENCE_S, Program
 from tests.support.withheld import budget
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.messages import topics

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from websockets.sync.client import ClientConnection, connect
 
-from tests.app.conftest import Program
+from tests.support.programs import Program
 
 pytestmark = pytest.mark.system
 

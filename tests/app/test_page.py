@@ -16,7 +16,15 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, FloatRect, Page, expect
 
-from tests.app.conftest import Program
+from tests.app.page_watcher import (
+    PRESS_S,
+    PRESSES,
+    Press,
+    Watcher,
+    key,
+    observer,
+    stick_forward,
+)
 from tests.support.browser import (
     FEW_FRAMES,
     PATIENCE_MS,
@@ -28,15 +36,7 @@ from tests.support.browser import (
     take_control_and_arm,
     until_linked,
 )
-from tests.support.page_watcher import (
-    PRESS_S,
-    PRESSES,
-    Press,
-    Watcher,
-    key,
-    observer,
-    stick_forward,
-)
+from tests.support.programs import Program
 from tests.support.withheld import WithheldTime, budget
 from tsd_twin.bus import Bus
 from tsd_twin.dashboard.scene.framing import LABELS_ABOVE_M, Rectangle, Stand, frame_robot

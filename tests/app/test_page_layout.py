@@ -5,11 +5,9 @@ from __future__ import annotations
 import pytest
 from playwright.sync_api import Browser
 
-from tests.support.browser import FLAGS_WITHOUT_SCENE
-from tests.support.legibility import SMALL
-from tests.support.overlaps import FINE_PRINT, OVERLAPS, STILL, STOP
-from tests.support.page_stage import PageStage, page_stage, route, state
-from tests.support.page_states import (
+from tests.app.legibility import SMALL
+from tests.app.overlaps import FINE_PRINT, OVERLAPS, STILL, STOP
+from tests.app.page_states import (
     REFUSED,
     STATES,
     TABS,
@@ -17,6 +15,8 @@ from tests.support.page_states import (
     fold_panel,
     open_tab,
 )
+from tests.support.browser import FLAGS_WITHOUT_SCENE
+from tests.support.page_stage import PageStage, page_stage, route, state
 
 pytestmark = [
     pytest.mark.system,

@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from tests.app.conftest import Program
 from tests.app.test_axe import findings
 from tests.support.browser import FLAGS_WITHOUT_SCENE, PATIENCE_MS, get_ready, press
+from tests.support.programs import Program
 from tests.support.robot_node import patient_robot
 from tests.support.withheld import budget
 

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from tests.app.conftest import Program
 from tests.support.browser import PATIENCE_MS, mode
+from tests.support.programs import Program, drive
 from tests.support.robot_node import patient_robot
-from tests.support.scripts import drive
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.lie import Array
 from tsd_twin.messages import topics

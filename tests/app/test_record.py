@@ -19,10 +19,10 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 import tsd_twin
-from tests.app.conftest import PATIENCE_S, Program, alive, children_of
-from tests.support import scripts
+from tests.app.small_disk import small_disk
+from tests.support import programs
+from tests.support.programs import PATIENCE_S, Program, alive, children_of
 from tests.support.robot_node import patient_robot
-from tests.support.small_disk import small_disk
 from tests.support.withheld import WithheldTime
 from tsd_twin.bus import Bus, as_client, client_config
 from tsd_twin.control.logged_controller import LeaseDrawn, decode_batch
@@ -60,7 +60,7 @@ def file_of(program: Program) -> Path:
 
 
 def drive(endpoint: str, duration_s: float = 1.0) -> None:
-    scripts.drive(
+    programs.drive(
         endpoint, vx_mps=0.3, omega_rad_per_s=0.3, duration_s=duration_s, operator="alice"
     )
 

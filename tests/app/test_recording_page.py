@@ -11,8 +11,8 @@ import pytest
 from PIL import Image, ImageChops
 from playwright.sync_api import Browser, FloatRect, Page, expect
 
-from tests.app.conftest import Program
 from tests.support.browser import PATIENCE_MS
+from tests.support.programs import Program
 from tests.support.recorded_drives import START_NS, recorded_circle
 from tsd_twin.recording.events import Annotation, add_mark
 

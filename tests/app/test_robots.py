@@ -9,7 +9,6 @@ from collections.abc import Generator
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from tests.app.conftest import Program
 from tests.support.browser import (
     FLAGS_WITHOUT_SCENE,
     PATIENCE_MS,
@@ -20,6 +19,7 @@ from tests.support.browser import (
     press_linked,
     take_control_and_arm,
 )
+from tests.support.programs import Program
 from tests.support.withheld import budget
 from tsd_twin import robots
 

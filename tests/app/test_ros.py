@@ -23,7 +23,9 @@ import pytest
 import zenoh
 
 import tsd_twin
-from tests.app.conftest import PATIENCE_S, Program, stays_put
+from tests.app.conftest import stays_put
+from tests.support.link_sockets import Relay
+from tests.support.programs import PATIENCE_S, Program
 from tests.support.robot_node import QUICK
 from tests.support.ros_nodes import (
     STORE,
@@ -38,7 +40,6 @@ from tests.support.ros_nodes import (
     vector,
 )
 from tests.support.square_drive import SquareDrive
-from tests.support.tcp_relay import Relay
 from tests.support.withheld import WithheldTime
 from tsd_twin import robots
 from tsd_twin.adapters.cmd_vel import HELD_UP_S

@@ -21,10 +21,9 @@ import pytest
 from playwright.sync_api import Browser, expect
 
 import tsd_twin
-from tests.app.conftest import Program
 from tests.support.browser import PATIENCE_MS, press_linked
-from tests.support.ros_nodes import foreign_hash, ros_router
-from tests.support.ros_robot import JOINTS, ODOMETRY, START, ForeignRobot
+from tests.support.programs import Program
+from tests.support.ros_nodes import JOINTS, ODOMETRY, START, ForeignRobot, foreign_hash, ros_router
 from tests.support.withheld import WithheldTime
 from tsd_twin.adapters.ros.external_robot import ZEROS
 from tsd_twin.client import RobotClient

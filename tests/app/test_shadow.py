@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.app.conftest import PATIENCE_S, Program
 from tests.support.page_client import Page
+from tests.support.programs import PATIENCE_S, Program
 from tests.support.robot_node import PATIENT
 from tsd_twin import robots
 

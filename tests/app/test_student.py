@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Locator, Page, ViewportSize, expect
 
-from tests.app.conftest import Program
 from tests.support.browser import PATIENCE_MS
+from tests.support.programs import Program
 from tsd_twin.bus import Bus, node_config
 from tsd_twin.robots import SingularityDescription, load_robot
 

@@ -13,8 +13,8 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 import tsd_twin
-from tests.app.conftest import Program
 from tests.support.browser import FLAGS_WITHOUT_SCENE, PATIENCE_MS, mode, press_linked
+from tests.support.programs import Program
 from tests.support.recorded_drives import START_NS, recorded_circle
 from tsd_twin.recording.events import Annotation, add_mark, read_marks
 

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.app.conftest import Program
-from tests.support.bridge_machine import wait_until
-from tests.support.wheel_rig import Rig, opened
-from tests.support.wheel_robots import WHEEL_ROBOTS
+from tests.app.bridge_machine import wait_until
+from tests.app.wheel_rig import Rig, opened
+from tests.support.programs import Program
+from tests.support.robot_variants import WHEEL_ROBOTS
 from tsd_twin import robots
 from tsd_twin.messages.codes import Code
 
@@ -40,7 +40,7 @@ def rig_of(start: Start, folder: Path, name: str) -> Generator[Rig]:
     (folder / "robot.toml").write_text(robot.text)
     ids = ",".join(str(i + 1) for i in range(robot.wheels))
     box = start(
-        "tests.support.x_series_box",
+        "tests.app.x_series_box",
         *("--link", str(folder / "port"), "--ids", ids),
         *("--model", str(robot.model), "--volts", str(robot.volts)),
     )
@@ -133,7 +133,7 @@ def test_a_robot_with_an_id_that_does_not_answer_is_refused_in_a_sentence(
 ) -> None:
     robot = WHEEL_ROBOTS["kiwi"]
     (tmp_path / "robot.toml").write_text(robot.text)
-    box = start("tests.support.x_series_box", "--link", str(tmp_path / "port"), "--ids", "1,2,9")
+    box = start("tests.app.x_series_box", "--link", str(tmp_path / "port"), "--ids", "1,2,9")
     box.ready()
     bridge = bridge_of(start, tmp_path)
     assert bridge.wait() == 1

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.app.conftest import Program
-from tests.support.bridge_machine import Machine, wait_for_mode, wait_until
+from tests.app.bridge_machine import Machine, wait_for_mode, wait_until
+from tests.support.programs import Program
 from tsd_twin.lie import Array
 
 pytestmark = [pytest.mark.system, pytest.mark.busy]

@@ -14,9 +14,9 @@ import msgspec
 import pytest
 import zenoh
 
+from tests.support.link_sockets import Relay
 from tests.support.robot_node import PATIENCE_S, Mailbox, running
 from tests.support.secured_robot import SecuredRobot, make_keys
-from tests.support.tcp_relay import Relay
 from tsd_twin.bus import Bus, Config, client_config
 from tsd_twin.messages import topics
 from tsd_twin.messages.status import decode_status

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.support.hard_frames import SMALLEST_PX, hard_frames, tally
+from tests.camera.hard_frames import SMALLEST_PX, hard_frames, tally
 from tsd_twin.camera.detect import find_tags
 from tsd_twin.camera.lens import CameraPlace, Lens, View
 from tsd_twin.camera.render import Body, SimulatedCamera, cylinder

@@ -11,8 +11,8 @@ from collections.abc import Callable, Generator
 import numpy as np
 import pytest
 
-from tests.support import rtsp_server
-from tests.support.rtsp_server import BITS, COLUMNS, SQUARE_PX
+from tests.camera import rtsp_server
+from tests.camera.rtsp_server import BITS, COLUMNS, SQUARE_PX
 from tests.support.withheld import WithheldTime
 from tsd_twin.camera.sources import CameraFrame, Source, open_source
 

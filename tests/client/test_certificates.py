@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import tsd_twin
-from tests.app.conftest import Program
+from tests.support.programs import Program
 from tsd_twin.errors import TwinError
 
 pytestmark = pytest.mark.system

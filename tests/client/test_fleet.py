@@ -10,7 +10,7 @@ import pytest
 
 import tsd_twin
 from tests.support.bus_operator import BusOperator
-from tests.support.replays import replaying, stopped_drive
+from tests.support.recorded_drives import replaying, stopped_drive
 from tests.support.robot_node import PATIENCE_S, RunningNode, running
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.messages import topics

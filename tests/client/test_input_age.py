@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.support.controller_harness import PERIOD_S
-from tests.support.delayed_client import ROBOTS, DelayedClient
+from tests.support.controller_harness import PERIOD_S, ROBOTS, DelayedClient
 from tsd_twin.client.echoes import NEVER_SENT, Echoes
 from tsd_twin.messages.modes import Mode
 

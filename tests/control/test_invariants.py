@@ -16,9 +16,9 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
+from tests.control.invariants import LoopInvariants
+from tests.control.reference_model import CommandReference
 from tests.support.controller_harness import ControllerHarness, HarnessOperator
-from tests.support.invariants import LoopInvariants
-from tests.support.reference_model import CommandReference
 from tsd_twin import robots
 from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.topics import Sample, Service

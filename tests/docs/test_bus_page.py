@@ -17,8 +17,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from tests.app.conftest import Program
 from tests.support.markdown_pages import code, page, quoted, section, tables
+from tests.support.programs import Program
 from tests.support.withheld import WithheldTime
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.messages import commands, events, services, topics

@@ -10,7 +10,7 @@ import pytest
 
 import tsd_twin
 from tests.support.markdown_pages import code, page, quoted, section, tables
-from tests.support.scripts import mock_robot, run_script
+from tests.support.programs import mock_robot, run_script
 from tsd_twin import __all__
 from tsd_twin.bus import DEFAULT_ENDPOINT
 from tsd_twin.client.protocol import SETPOINT_TIMEOUT_S, STATUS_TIMEOUT_S

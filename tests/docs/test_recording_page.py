@@ -12,10 +12,9 @@ from pathlib import Path
 import pytest
 
 import tsd_twin
-from tests.app.conftest import PATIENCE_S, Program
 from tests.support.markdown_pages import code, page, quoted, section, tables
+from tests.support.programs import PATIENCE_S, Program, drive
 from tests.support.robot_node import patient_robot
-from tests.support.scripts import drive
 
 PAGE = page("recording.md")
 SCRIPTS = code(PAGE, "python")

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from tests.support.markdown_pages import page, quoted, section, tables
-from tests.support.source_table import documented
 from tsd_twin.control import RobotController, monitors
 from tsd_twin.messages.cdr import BASE, TwistStamped, encode_twist
 from tsd_twin.messages.commands import encode_attachment
@@ -137,7 +136,3 @@ def test_how_far_it_goes(what: str, end: Callable[[Drive], tuple[float, float]])
     assert travel == f"{travel_m:.2f} m"
     assert float(rest.removesuffix(" s")) == pytest.approx(rest_s, abs=0.015)
     assert travel_m <= 0.35
-
-
-def test_the_table_of_sources_and_conditions_is_that_of_the_tests() -> None:
-    assert documented() in section(PAGE, "## Sources and conditions")

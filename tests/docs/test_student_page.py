@@ -8,8 +8,8 @@ from urllib.parse import parse_qsl
 import pytest
 
 from tests.support.markdown_pages import page
-from tests.support.student_answer import answer
 from tsd_twin.dashboard.scene.robot_visual import MOST_TILT_RAD
+from tsd_twin.dashboard.sessions.student import solve
 from tsd_twin.dashboard.wire.from_page import StudentRequest
 
 ROWS = re.findall(
@@ -25,7 +25,7 @@ def test_the_page_has_experiments() -> None:
 def test_an_experiment_has_its_result(query: str, name: str, value: str, unit: str) -> None:
     given = dict(parse_qsl(query))
     knobs = {key: float(text) for key, text in given.items() if "." in key}
-    reply = answer(StudentRequest(number=1, base=given["student"], knobs=knobs))
+    reply = solve(StudentRequest(number=1, base=given["student"], knobs=knobs))[0]
     assert reply.problem == ""
     assert reply.figures is not None
     (found,) = [figure for figure in reply.figures.figures if figure.name == name]

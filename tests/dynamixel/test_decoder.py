@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from tests.support.packet_strategies import PACKETS
+from tests.dynamixel.packet_strategies import PACKETS
 from tsd_twin.hardware.dynamixel.packets import Decoder, Packet, protocol1, protocol2
 
 PROTOCOLS = pytest.mark.parametrize("protocol", [protocol1, protocol2])

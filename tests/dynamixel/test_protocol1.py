@@ -8,8 +8,7 @@ from dynamixel_sdk import Protocol1PacketHandler
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.support.packet_strategies import DATA, IDS, PACKETS
-from tests.support.sdk_port import BytesPort
+from tests.dynamixel.packet_strategies import DATA, IDS, PACKETS, BytesPort
 from tsd_twin.hardware.dynamixel.packets import Packet, protocol1
 
 SDK: Any = Protocol1PacketHandler()

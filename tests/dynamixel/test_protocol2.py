@@ -9,8 +9,7 @@ from dynamixel_sdk import Protocol2PacketHandler
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.support.packet_strategies import DATA, IDS, PACKETS
-from tests.support.sdk_port import BytesPort
+from tests.dynamixel.packet_strategies import DATA, IDS, PACKETS, BytesPort
 from tsd_twin.hardware.dynamixel.packets import Instruction, Packet, StatusPacket, crc16, protocol2
 
 SDK: Any = Protocol2PacketHandler()

@@ -16,9 +16,8 @@ from pathlib import Path
 import pytest
 
 import tsd_twin
-from tests.app.conftest import Program
 from tests.support.markdown_pages import ROOT
-from tests.support.scripts import mock_robot, run_script
+from tests.support.programs import Program, mock_robot, run_script
 from tests.support.viser_client import Node, ViserClient, viser_client
 from tests.support.withheld import WithheldTime
 from tsd_twin.client.state import PlanarPose

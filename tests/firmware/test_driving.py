@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from firmware.simulator.board import FIRMWARE
-from tests.support import wheel_rules
+from tests.firmware import wheel_rules
 from tests.support.firmware_host import CRUISE, CYCLE_S, Bench, read
 from tests.support.markdown_pages import section, tables
 from tsd_twin.hardware.board_geometry import compiled_geometry

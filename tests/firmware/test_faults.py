@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from tests.support.fault_matrix import FAULTS, Fault, measure, row
+from tests.firmware.fault_matrix import FAULTS, Fault, measure, row
 from tests.support.firmware_host import Bench
 from tests.support.markdown_pages import page, section, tables
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from firmware.simulator.board import FIRMWARE
+from tests.firmware.mutants import MUTANTS, Mutant
+from tests.firmware.rules import ALL_LAWS
 from tests.support.firmware_host import Bench
-from tests.support.firmware_mutants import MUTANTS, Mutant
-from tests.support.firmware_rules import ALL_LAWS
 from tests.support.markdown_pages import section, tables
 
 README = (FIRMWARE / "README.md").read_text(encoding="utf-8")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.firmware_mutation import (
+from tests.firmware.mutation import (
     FILES,
     TESTS,
     Memory,

@@ -11,8 +11,8 @@ import pytest
 from firmware.rp2040 import image
 from firmware.simulator.board import FIRMWARE
 from firmware.simulator.rp2040_board import Rp2040Board
+from tests.firmware.rules import ALL_LAWS
 from tests.support.firmware_host import Bench, FirmwareHost
-from tests.support.firmware_rules import ALL_LAWS
 from tsd_twin.hardware.dynamixel.control_table import BoardMode, ResetCause, Setup, Trip
 
 OF_THE_HARDWARE = (

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from tests.firmware.rules import ALL_LAWS, LAWS
 from tests.support.firmware_host import Bench
-from tests.support.firmware_rules import ALL_LAWS, LAWS
 
 OF_THE_RECEIVER = (
     "the_kill_switch_stops",

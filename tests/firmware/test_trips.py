@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.firmware.source_rules import STOP
+from tests.firmware.trip_rules import CAUSES, shown, tripped
 from tests.support.firmware_host import HOLD_S, Bench, FirmwareHost
-from tests.support.source_rules import STOP
-from tests.support.trip_rules import CAUSES, shown, tripped
 from tsd_twin.hardware.dynamixel.control_table import (
     PAST_TRIPS,
     BoardMode,

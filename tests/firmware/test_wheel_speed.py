@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from firmware.simulator.esc_telemetry import packet
-from tests.support import telemetry_rules
+from tests.firmware import telemetry_rules
+from tests.firmware.telemetry_rules import POLE_PAIRS, QUANTUM_RPM, TELEMETRY
+from tests.firmware.wheel_rules import PULSES, SENSORS, driving, ready, true_rpm
 from tests.support.firmware_host import CYCLE_S, Bench, FirmwareHost
-from tests.support.telemetry_rules import POLE_PAIRS, QUANTUM_RPM, TELEMETRY
-from tests.support.wheel_rules import PULSES, SENSORS, driving, ready, true_rpm
 from tsd_twin.hardware.dynamixel.control_table import BoardMode, Setup, Trip, WheelSensor
 
 SETTLED = 0.015

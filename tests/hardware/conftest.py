@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.support.wired_machines import Wires
+from tests.hardware.wired_machines import Wires
 
 
 @pytest.fixture

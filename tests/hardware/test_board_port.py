@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.hardware.test_mega import ROBOT
-from tests.support.faulty_devices import PretendBoard, plugged
+from tests.support.pty_devices import PretendBoard, plugged
 from tests.support.withheld import Stopwatch
 from tsd_twin.hardware.arduino_mega import ArduinoMegaIO
 from tsd_twin.hardware.dynamixel.packets import protocol2

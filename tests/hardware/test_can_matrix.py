@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.support.can_matrix import FAULTS, CanRig, row
+from tests.hardware.can_matrix import FAULTS, CanRig, row
 from tests.support.can_motors import STATUS_S
 from tests.support.markdown_pages import page, section, tables
 from tests.support.wheel_matrix import PERIOD_S, Fault

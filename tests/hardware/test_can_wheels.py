@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.hardware.wired_machines import Bench, VirtualMotors
 from tests.support.can_motors import Motor
-from tests.support.wired_machines import Bench, VirtualMotors
 from tsd_twin import robots
 from tsd_twin.hardware.can_wheels import CanWheelsIO
 from tsd_twin.hardware.joints import MotorControllers

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.wired_machines import Bench, Person, WiredMega
-from tests.support.wiring_errors import TSD, MegaMachine, U2D2Machine
+from tests.hardware.wired_machines import Bench, Person, WiredMega
+from tests.hardware.wiring_errors import TSD, MegaMachine, U2D2Machine
 from tsd_twin.hardware.commissioning import findings, verdicts
 from tsd_twin.hardware.commissioning.findings import FindingCode, found
 from tsd_twin.hardware.commissioning.leaving import LEAVING, leave_on_signals

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.support.faulty_devices import PretendBoard
-from tests.support.wired_machines import Wires
+from tests.hardware.wired_machines import Wires
+from tests.support.pty_devices import PretendBoard
 from tsd_twin import robots
 from tsd_twin.hardware.arduino_mega import ArduinoMegaIO
 from tsd_twin.hardware.dynamixel.control_table import (

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.faulty_devices import PretendBoard, plugged
+from tests.support.pty_devices import PretendBoard, plugged
 from tsd_twin.hardware.controller_board import find_board
 from tsd_twin.hardware.dynamixel.control_table import Radio
 from tsd_twin.hardware.joints import EscCalibration, Receiver, ServoCalibration

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from tests.hardware.test_mega import ROBOT
 from tests.hardware.test_wheel_bus import KIWI
-from tests.support.servo_chain import ServoChain
+from tests.support.pty_devices import ServoChain
 from tests.support.wheel_matrix import PERIOD_S, VirtualLine
 from tests.support.x_series import XBus, XServo
 from tsd_twin.hardware import u2d2

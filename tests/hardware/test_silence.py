@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.support.wired_machines import Bench
-from tests.support.wiring_errors import BusWheels, U2D2Machine, Wired
+from tests.hardware.wired_machines import Bench
+from tests.hardware.wiring_errors import BusWheels, U2D2Machine, Wired
 from tsd_twin.hardware.commissioning.walk import Commissioned
 from tsd_twin.hardware.link_health import SILENT_S
 from tsd_twin.hardware.servo_line import ALIVE_S

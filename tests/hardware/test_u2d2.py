@@ -12,9 +12,8 @@ import pytest
 
 from firmware.simulator.mx64 import Mx64
 from tests.hardware.test_mega import AHEAD, REST, ROBOT
-from tests.support.faulty_devices import PretendBoard
-from tests.support.servo_chain import ServoChain
-from tests.support.wired_machines import Wires
+from tests.hardware.wired_machines import Wires
+from tests.support.pty_devices import PretendBoard, ServoChain
 from tsd_twin.hardware import servo_line, u2d2
 from tsd_twin.hardware.arduino_mega import ArduinoMegaIO
 from tsd_twin.hardware.dynamixel.servo_models import MODELS, ServoSetting

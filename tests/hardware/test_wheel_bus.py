@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.wired_machines import Bench
+from tests.hardware.wired_machines import Bench
 from tests.support.x_series import XBus, XServo
 from tsd_twin import robots
 from tsd_twin.hardware.dynamixel.packets import protocol2

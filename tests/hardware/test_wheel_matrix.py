@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tests.support.markdown_pages import page, section, tables
+from tests.support.robot_variants import WHEEL_ROBOTS
 from tests.support.wheel_matrix import FAULTS, PERIOD_S, Fault, WheelRig, row
-from tests.support.wheel_robots import WHEEL_ROBOTS
 from tsd_twin.hardware.dynamixel.wheel_models import VELOCITY_UNIT_RAD_PER_S, WHEEL_MODELS
 
 pytestmark = pytest.mark.computes

@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 from tests.hardware.test_mega import PORT, ROBOT, Bench, plugged
-from tests.support.faulty_devices import PretendBoard
-from tests.support.servo_chain import ServoChain
-from tests.support.wired_machines import Wires
+from tests.hardware.wired_machines import Wires
+from tests.support.pty_devices import PretendBoard, ServoChain
 from tsd_twin.hardware.arduino_mega import ArduinoMegaIO
 from tsd_twin.hardware.dynamixel.control_table import BoardMode, Trip, Wheels
 from tsd_twin.hardware.serial_transport import HardwareError

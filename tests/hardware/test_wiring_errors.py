@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.wired_machines import Bench
-from tests.support.wiring_errors import (
+from tests.hardware.wired_machines import Bench
+from tests.hardware.wiring_errors import (
     ERRORS,
     BusWheels,
     CanWheelsMachine,
@@ -18,10 +18,13 @@ from tests.support.wiring_errors import (
     U2D2Machine,
     Wired,
     WiringError,
+    rows,
 )
+from tests.support.markdown_pages import ROOT, page
 from tsd_twin.hardware.commissioning.sheet import read_sheet
 from tsd_twin.hardware.commissioning.steps import Swing, Turn
 
+PLANS = sorted((ROOT / "docs/wiring").glob("*.toml"))
 MACHINES = (MegaMachine, BusWheels, U2D2Machine, CanWheelsMachine)
 
 
@@ -68,3 +71,10 @@ def test_wiring_error_is_found_at_its_step(
 def test_each_plan_has_ten_errors_or_more() -> None:
     counted = Counter(error.machine for error in ERRORS)
     assert min(counted[machine] for machine in MACHINES) >= 10
+
+
+def test_page_has_each_error_that_commissioning_finds() -> None:
+    lines, found = page("wiring.md").splitlines(), rows()
+    start = lines.index("| Plan | Error | Found by | Code |") + 2
+    assert lines[start : start + len(found) + 1] == [*found, ""]
+    assert {error.machine.plan for error in ERRORS} == {plan.stem for plan in PLANS}

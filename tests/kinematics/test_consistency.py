@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.support.random_kinematics import (
+from tests.kinematics.random_kinematics import (
     directions,
     drives,
     joint_vectors,

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.support.random_kinematics import (
+from tests.kinematics.random_kinematics import (
     any_drives,
     directions,
     omni_drives,

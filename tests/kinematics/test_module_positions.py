@@ -14,7 +14,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from tests.support.placed_modules import placed
+from tests.support.robot_variants import placed
 from tsd_twin.estimation import PlanarOdometry
 from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import Array

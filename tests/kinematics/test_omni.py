@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from wpimath.geometry import Translation2d
 from wpimath.kinematics import ChassisSpeeds, MecanumDriveKinematics
 
-from tests.support.random_kinematics import directions, omni_drives
+from tests.kinematics.random_kinematics import directions, omni_drives
 from tsd_twin import robots
 from tsd_twin.kinematics import OmniKinematics
 from tsd_twin.kinematics.omni import layout_problem

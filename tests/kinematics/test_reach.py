@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.support.random_kinematics import any_drives, drives, omni_drives, sphere_drives
+from tests.kinematics.random_kinematics import any_drives, drives, omni_drives, sphere_drives
 from tsd_twin.kinematics import (
     Kinematics,
     OmniKinematics,

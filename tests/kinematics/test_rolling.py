@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.support.random_kinematics import (
+from tests.kinematics.random_kinematics import (
     directions,
     drives,
     joint_vectors,
@@ -14,7 +14,7 @@ from tests.support.random_kinematics import (
     size,
     within_limit,
 )
-from tests.support.rigid_wheels import gimbals, in_robot_frame, pivots, slip
+from tests.kinematics.rigid_wheels import gimbals, in_robot_frame, pivots, slip
 from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import Array
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.support.random_kinematics import (
+from tests.kinematics.random_kinematics import (
     directions,
     drive_of,
     drives,
@@ -18,7 +18,7 @@ from tests.support.random_kinematics import (
     size,
     within_limit,
 )
-from tests.support.rigid_wheels import gimbals, in_robot_frame, pivots
+from tests.kinematics.rigid_wheels import gimbals, in_robot_frame, pivots
 from tsd_twin.kinematics import JointKind, SingularityKinematics
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import RPM, load_robot

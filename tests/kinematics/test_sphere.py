@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from tests.support.random_kinematics import directions, sphere_drives
+from tests.kinematics.random_kinematics import directions, sphere_drives
 from tsd_twin import robots
 from tsd_twin.kinematics import SphereKinematics
 from tsd_twin.kinematics.omni import contacts_and_directions, sphere_layout_problem

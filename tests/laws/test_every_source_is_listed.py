@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.source_table import DEVIATIONS, NO_SOURCES, SOURCES
+from tests.laws.source_table import DEVIATIONS, NO_SOURCES, SOURCES, documented
+from tests.support.markdown_pages import page, section
 from tsd_twin.hardware.dynamixel.control_table import BoardMode
 
 ROOT = Path(__file__).parents[2]
@@ -116,3 +117,7 @@ def test_a_deviation_names_a_pair_and_has_a_reason() -> None:
     for (source, _), deviation in DEVIATIONS.items():
         assert source in names
         assert deviation.reason.endswith(".")
+
+
+def test_table_of_sources_is_documented() -> None:
+    assert documented() in section(page("safety.md"), "## Sources and conditions")

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from firmware.simulator.board import build_native
-from tests.support.command_sources import CommandSource, ReplayedDrive, ServosAtComputer
-from tests.support.source_table import SOURCES, Source
+from tests.laws.command_sources import CommandSource, ReplayedDrive, ServosAtComputer
+from tests.laws.source_table import SOURCES, Source
 from tests.support.virtual_robot import VirtualRobot
 from tests.support.virtual_time import VirtualClock
 from tsd_twin.errors import TwinError

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from firmware.simulator.board import build_native
-from tests.support.command_sources import CommandSource, ReplayedDrive
-from tests.support.source_table import (
+from tests.laws.command_sources import CommandSource, ReplayedDrive
+from tests.laws.source_table import (
     BOARD,
     CONDITIONS,
     DEVIATIONS,

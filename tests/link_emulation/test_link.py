@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.support.link_runs import (
+from tests.link_emulation.link_runs import (
     ROUNDING_S,
     Sent,
     bandwidths,

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from tests.support.link_runs import ROUNDING_S, Sent, journeys, link, paced, specs, travel
+from tests.link_emulation.link_runs import ROUNDING_S, Sent, journeys, link, paced, specs, travel
 from tsd_twin.link_emulation import LinkSpec, Stall
 from tsd_twin.link_emulation.link import MAX_TIMEOUT_S, LinkModel, Segment, Stream
 

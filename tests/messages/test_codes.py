@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.support.reasons import example_reasons
+from tests.messages.reasons import example_reasons
 from tsd_twin.hardware.dynamixel.control_table import Refusal, Trip
 from tsd_twin.messages import codes
 from tsd_twin.messages.codes import (

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from tests.support.reasons import fixed_reasons
+from tests.messages.reasons import fixed_reasons
 from tsd_twin.messages.sentences import full_sentence, sentence
 
 VECTORS = Path(__file__).parent / "reasons.json"

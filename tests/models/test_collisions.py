@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from manifold3d import Manifold, OpType
 
-from tests.support.robot_solids import VARIANTS, solid
+from tests.models.robot_solids import VARIANTS, solid
 from tsd_twin.models import draw_parts
 from tsd_twin.robots import RobotDescription, load_robot
 

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from manifold3d import Manifold
 from scipy.spatial.transform import Rotation
 
-from tests.support.robot_solids import solid
+from tests.models.robot_solids import solid
 from tsd_twin.errors import RobotFileError
 from tsd_twin.lie import SO3, Array
 from tsd_twin.models import (

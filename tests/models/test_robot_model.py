@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.support.robot_solids import VARIANTS, solid, spaced, variant
+from tests.models.robot_solids import VARIANTS, solid, spaced, variant
 from tsd_twin.errors import RobotFileError
 from tsd_twin.models import draw_parts, kinematic_tree
 from tsd_twin.models.solids import Parts

@@ -15,7 +15,7 @@ import yourdfpy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.support.robot_solids import VARIANTS
+from tests.models.robot_solids import VARIANTS
 from tsd_twin.errors import RobotFileError
 from tsd_twin.lie import Array
 from tsd_twin.models import draw_parts, shipped_model, urdf, write_model

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import ellipe
 
-from tests.support.random_paths import SQUARE, by_hand, waypoints
+from tests.motion.random_paths import SQUARE, by_hand, waypoints
 from tsd_twin.errors import PathError
 from tsd_twin.lie import Array, wrap
 from tsd_twin.motion.paths import (

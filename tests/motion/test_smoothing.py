@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.support.random_paths import SQUARE
+from tests.motion.random_paths import SQUARE
 from tsd_twin import robots
 from tsd_twin.lie import Array
 from tsd_twin.motion.paths import line, polyline

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 from scipy.sparse import coo_array
 
-from tests.support.random_paths import SQUARE, by_hand, waypoints
+from tests.motion.random_paths import SQUARE, by_hand, waypoints
 from tsd_twin import robots
 from tsd_twin.errors import PathError
 from tsd_twin.kinematics import SingularityKinematics

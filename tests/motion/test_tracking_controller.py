@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.support.random_paths import SQUARE, by_hand
+from tests.motion.random_paths import SQUARE, by_hand
 from tsd_twin import robots
 from tsd_twin.lie import SE2, Array
 from tsd_twin.motion.paths import line, polyline

@@ -21,7 +21,7 @@ from typing import Any
 import pytest
 
 import tsd_twin
-from tests.app.conftest import Program, starting
+from tests.support.programs import Program, starting
 from tests.support.robot_node import QUICK
 from tsd_twin import robots
 from tsd_twin.adapters.cmd_vel import PAUSE_S

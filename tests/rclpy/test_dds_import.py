@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 
 import tsd_twin
-from tests.app.conftest import Program, starting
 from tests.rclpy.test_dds import Peer, environment
+from tests.support.programs import Program, starting
 from tsd_twin.errors import TwinError
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]

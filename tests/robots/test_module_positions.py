@@ -10,7 +10,7 @@ import pytest
 from yourdfpy import URDF
 
 from tests.support.controller_harness import PERIOD_S, ControllerHarness
-from tests.support.placed_modules import CIRCLE, ODD, placed, text
+from tests.support.robot_variants import CIRCLE, ODD, placed, text
 from tsd_twin import robots
 from tsd_twin.calibration.collect import with_calibration
 from tsd_twin.calibration.report import edit_description

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.support.supervisor_harness import SupervisorHarness
+from tests.safety.supervisor_harness import SupervisorHarness
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.support.supervisor_harness import SupervisorHarness, disarm
+from tests.safety.supervisor_harness import SupervisorHarness, disarm
 from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.modes import Mode
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.supervisor_harness import SupervisorHarness
+from tests.safety.supervisor_harness import SupervisorHarness
 from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.services import LeaseReply

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.support.supervisor_harness import SupervisorHarness, disarm, reset, stop
+from tests.safety.supervisor_harness import SupervisorHarness, disarm, reset, stop
 from tsd_twin.messages.codes import Code
 from tsd_twin.messages.modes import ARMED, Mode
 from tsd_twin.safety import TRANSITIONS

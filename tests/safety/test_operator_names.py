@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tests.support.supervisor_harness import SupervisorHarness
+from tests.safety.supervisor_harness import SupervisorHarness
 from tsd_twin.messages.services import LeaseRequest, StopRequest, decode_request
 from tsd_twin.safety import SafetySupervisor
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.support.supervisor_harness import PERIOD_S, SupervisorHarness
+from tests.safety.supervisor_harness import PERIOD_S, SupervisorHarness
 from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.modes import Mode
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.support.supervisor_harness import SupervisorHarness, disarm, stop
+from tests.safety.supervisor_harness import SupervisorHarness, disarm, stop
 from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.modes import LATCHED, Mode
 from tsd_twin.messages.services import StopRequest

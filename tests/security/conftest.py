@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.provisioning import FIRST, provision_folder
+from tests.support.key_folders import FIRST, provision_folder
 
 
 @pytest.fixture

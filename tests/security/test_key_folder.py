@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.provisioning import (
+from tests.support.key_folders import (
     ALICE,
     BOB,
     FIRST,

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from tests.support.provisioning import (
+from tests.support.key_folders import (
     ALICE,
     BOB,
     FIRST,

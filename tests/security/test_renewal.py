@@ -14,8 +14,8 @@ from cryptography import x509
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.support.provisioning import content
-from tests.support.router_stage import make_router_keys
+from tests.support.key_folders import content
+from tests.support.secured_robot import make_router_keys
 from tsd_twin.errors import TwinError
 from tsd_twin.security import Role, client
 from tsd_twin.security.access_rules import ROUTER, BusIdentity

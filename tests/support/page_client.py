@@ -7,19 +7,18 @@ import json
 import socket
 import threading
 import time
-from collections.abc import Callable, Coroutine, Generator
+from collections.abc import Callable, Coroutine, Generator, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
-from websockets.exceptions import ConnectionClosed
+from websockets.asyncio import client as asyncio_client
+from websockets.exceptions import ConnectionClosed, ConnectionClosedOK
 from websockets.sync.client import ClientConnection, connect
 
-from tests.support.empty_scene import EmptyScene
-from tests.support.priorities import this_thread_is_a_robot
 from tests.support.robot_node import PATIENT
-from tests.support.tls_connection import TlsConnection
-from tests.support.withheld import IN_PROCESS, budget
+from tests.support.scene_doubles import EmptyScene
+from tests.support.withheld import IN_PROCESS, budget, this_thread_is_a_robot
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.client.monitor import RobotMonitor
@@ -341,3 +340,59 @@ def site(
             yield made
         finally:
             made.close()
+
+
+class TlsConnection:
+    """Open websocket over TLS, with the methods that a `Page` uses; from `tls_connection`."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, url: str, options: dict[str, Any]) -> None:
+        self._loop = loop
+        self._connection = self._run(_opened(url, options))
+
+    def send(self, message: str | bytes) -> None:
+        self._run(self._connection.send(message))
+
+    def __iter__(self) -> Iterator[str | bytes]:
+        with suppress(ConnectionClosedOK):
+            while True:
+                yield self._run(self._connection.recv())
+
+    def close(self) -> None:
+        self._run(self._connection.close())
+
+    @property
+    def close_code(self) -> int | None:
+        return self._connection.close_code
+
+    @property
+    def close_reason(self) -> str | None:
+        return self._connection.close_reason
+
+    def _run(self, work: Coroutine[Any, Any, T]) -> T:
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result()
+
+
+async def _opened(url: str, options: dict[str, Any]) -> asyncio_client.ClientConnection:
+    return await asyncio_client.connect(url, **options)
+
+
+@contextmanager
+def tls_connection(url: str, **options: Any) -> Generator[TlsConnection]:
+    """Yield an open websocket; `options` are those of the asyncio client of `websockets`.
+
+    Its synchronous client reads and writes one TLS connection on two threads: on a busy machine one
+    in two hundred handshakes with any server never ends.
+    """
+    loop = asyncio.new_event_loop()
+    thread = threading.Thread(target=loop.run_forever)
+    thread.start()
+    try:
+        connection = TlsConnection(loop, url, options)
+        try:
+            yield connection
+        finally:
+            connection.close()
+    finally:
+        loop.call_soon_threadsafe(loop.stop)
+        thread.join()
+        loop.close()

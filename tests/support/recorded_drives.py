@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import itertools
+import threading
+from collections.abc import Generator
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
 from tests.support.controller_harness import PERIOD_S, ControllerHarness
+from tests.support.robot_node import PATIENCE_S
 from tsd_twin import robots
+from tsd_twin.bus import Bus
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import Odometry, encode_joints, encode_odometry
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.status import encode_stamp, encode_status
 from tsd_twin.messages.topics import Sample, Service, Topic
+from tsd_twin.recording import Replay, open_recording, play
 from tsd_twin.recording.channels import EntryMaker
 from tsd_twin.recording.mcap_file import RecordingFile
 from tsd_twin.simulation import SimRobot
@@ -103,3 +109,28 @@ def recorded_circle(path: Path, seconds: int, name: str = "tsd") -> Path:
     RecordedDrive(file, name).circle(seconds)
     file.close()
     return path
+
+
+def stopped_drive(path: Path) -> Path:
+    """Write a recording of `tsd` that drives for a second and is stopped."""
+    file = RecordingFile(path)
+    drive = RecordedDrive(file)
+    drive.circle(1)
+    drive.controller.stop(b'{"reason": "recorded"}', drive.now_s)
+    drive.wait(1.0)
+    file.close()
+    return path
+
+
+@contextmanager
+def replaying(bus: Bus, path: Path, replay_id: str) -> Generator[None]:
+    """Replay the recording of `tsd` again and again on a bus, under an id."""
+    stop = threading.Event()
+    with closing(Replay(bus, open_recording(path), "tsd", replay_id)) as replay:
+        thread = threading.Thread(target=play, args=(replay, stop, 1.0), kwargs={"loop": True})
+        thread.start()
+        try:
+            yield
+        finally:
+            stop.set()
+            thread.join(PATIENCE_S)

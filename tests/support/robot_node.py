@@ -11,8 +11,7 @@ from collections.abc import Generator
 from dataclasses import dataclass, field
 from typing import Any
 
-from tests.support.priorities import this_thread_is_a_robot
-from tests.support.withheld import IN_PROCESS, budget
+from tests.support.withheld import IN_PROCESS, budget, this_thread_is_a_robot
 from tsd_twin import robots
 from tsd_twin.bus import Bus, Publisher, client_config, node_config
 from tsd_twin.hardware.robot_io import RobotIO

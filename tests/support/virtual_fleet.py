@@ -12,9 +12,9 @@ from typing import Any, cast
 import msgspec
 from aiohttp import WSMessage, WSMsgType
 
-from tests.support.empty_scene import EmptyScene
 from tests.support.memory_bus import MemoryBus, Network, Queue
 from tests.support.robot_node import QUICK
+from tests.support.scene_doubles import EmptyScene
 from tests.support.virtual_time import VirtualClock
 from tsd_twin import robots
 from tsd_twin.client.monitor import RobotMonitor

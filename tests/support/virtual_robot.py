@@ -14,8 +14,8 @@ import pytest
 from firmware.simulator.mx64 import Mx64
 from firmware.simulator.simulation import FirmwareSimulation
 from tests.support.memory_bus import MemoryBus, Network
+from tests.support.pty_devices import ServoChain
 from tests.support.robot_node import QUICK
-from tests.support.servo_chain import ServoChain
 from tests.support.virtual_time import VirtualClock
 from tsd_twin import robots
 from tsd_twin.hardware import arduino_mega, u2d2

@@ -12,8 +12,8 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from tests.support.servo_chain import ServoChain
-from tests.support.wheel_robots import WHEEL_ROBOTS
+from tests.support.pty_devices import ServoChain
+from tests.support.robot_variants import WHEEL_ROBOTS
 from tests.support.x_series import XBus, XServo
 from tsd_twin import robots
 from tsd_twin.hardware.dynamixel.packets import Decoder, Framing, StatusPacket, protocol2

@@ -6,7 +6,7 @@ from collections.abc import Generator
 
 import pytest
 
-from tests.support.result_table import Table
+from tests.system.fault_stage import Table
 
 
 @pytest.fixture(scope="session")

@@ -8,10 +8,9 @@ from collections.abc import Generator
 
 import pytest
 
-from tests.support.fault_stage import fault_stage
-from tests.support.page_operator import FINGER, KEY, PageOperator, Pointer
-from tests.support.real_page import RealPage
-from tests.support.result_table import Table, stands_still
+from tests.system.fault_stage import Table, fault_stage, stands_still
+from tests.system.page_operator import FINGER, KEY, PageOperator, Pointer
+from tests.system.real_page import RealPage
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 

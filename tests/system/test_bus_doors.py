@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.link_sockets import Relay
 from tests.support.secured_robot import (
     DESCRIPTION,
     ID,
@@ -22,7 +23,6 @@ from tests.support.secured_robot import (
     section,
     with_sections,
 )
-from tests.support.tcp_relay import Relay
 from tsd_twin import security
 from tsd_twin.bus import Bus, Config, client_config, node_config
 from tsd_twin.errors import NoAnswerError

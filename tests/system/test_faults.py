@@ -9,17 +9,18 @@ from collections.abc import Generator
 
 import pytest
 
-from tests.support.fault_stage import (
+from tests.support.pretend_page import PretendPage, send_signal
+from tests.support.withheld import Pauses
+from tests.system.fault_stage import (
+    LIMIT_M,
     MAX_COMMAND_PAUSE_S,
     SPEED_MPS,
     FaultStage,
-    PretendPage,
     Run,
+    Table,
     fault_stage,
-    send_signal,
+    stands_still,
 )
-from tests.support.result_table import LIMIT_M, Table, stands_still
-from tests.support.withheld import Pauses
 from tsd_twin.link_emulation import LinkSpec
 from tsd_twin.simulation.robot import TIMEOUT_S
 

@@ -12,16 +12,11 @@ from typing import Any
 
 import pytest
 
-from tests.app.conftest import Program
-from tests.support.fault_stage import (
-    MAX_COMMAND_PAUSE_S,
-    FaultStage,
-    fault_stage,
-    send_signal,
-)
 from tests.support.page_client import Page
-from tests.support.result_table import stands_still
+from tests.support.pretend_page import send_signal
+from tests.support.programs import Program
 from tests.support.withheld import Pauses, WithheldTime
+from tests.system.fault_stage import MAX_COMMAND_PAUSE_S, FaultStage, fault_stage, stands_still
 from tsd_twin.safety.lease import RESERVATION_S, TTL_S
 
 pytestmark = pytest.mark.system

@@ -13,13 +13,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.app.conftest import Program, starting
-from tests.support.fault_stage import SPEED_MPS, Observer, send_signal
+from tests.support.key_folders import OPERATOR, make_router_keys
 from tests.support.page_client import Page
-from tests.support.result_table import Table, stands_still
+from tests.support.pretend_page import send_signal
+from tests.support.programs import Program, follow_trace, starting
 from tests.support.robot_node import PATIENCE_S, QUICK
-from tests.support.router_keys import OPERATOR, make_router_keys
-from tests.support.traced_mock import follow_trace
+from tests.system.fault_stage import SPEED_MPS, Observer, Table, stands_still
 from tsd_twin.bus import Bus, from_file
 from tsd_twin.messages import topics
 
@@ -64,7 +63,7 @@ class Lab:
         robot = ("--zenoh-config", str(self._keys / f"{ID}.json5"))
         # Started before the router, like a robot that is switched on first.
         mock = start(
-            "tests.support.traced_mock", str(trace), "--robot", str(folder / "quick.toml"), *robot
+            "tests.support.programs", str(trace), "--robot", str(folder / "quick.toml"), *robot
         )
         self.router = start("tsd_router", str(self._keys / "router.json5"))
         self.router.ready()

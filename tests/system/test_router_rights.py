@@ -13,8 +13,16 @@ import pytest
 import zenoh
 
 from tests.support.robot_node import PATIENCE_S
-from tests.support.router_stage import HERS, HIS, RouterStage, make_router_keys, rights
-from tests.support.secured_robot import Listener, listening, put
+from tests.support.secured_robot import (
+    HERS,
+    HIS,
+    Listener,
+    RouterStage,
+    listening,
+    make_router_keys,
+    put,
+    rights,
+)
 from tsd_twin import security
 from tsd_twin.bus import Bus, from_file
 from tsd_twin.client.monitor import RobotMonitor

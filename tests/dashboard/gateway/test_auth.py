@@ -11,7 +11,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-from tests.support.logins import PHRASE, ask, cookie_of, log_in, users
+from tests.support.gateway_requests import PHRASE, ask, cookie_of, log_in, users
 from tests.support.page_client import PATIENCE_S, Site, site
 from tests.support.viser_client import CAMERA, ViserClient
 from tsd_twin.dashboard.gateway.auth import LOGGED_OUT_CODE, AccessSettings, AuthMiddleware

@@ -18,18 +18,21 @@ import viser
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from tests.support.logins import ask, cookie_of, log_in, users
-from tests.support.page_client import PATIENCE_S, Site, site
-from tests.support.provisioning import provision_folder
-from tests.support.raw_http import (
+from tests.support.gateway_requests import (
     FORM,
+    ask,
     closed_after_s,
+    cookie_of,
     dial,
     dialled,
     is_closed,
+    log_in,
     request,
     status_of,
+    users,
 )
+from tests.support.key_folders import provision_folder
+from tests.support.page_client import PATIENCE_S, Site, site
 from tests.support.withheld import Stopwatch
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimits

@@ -12,9 +12,9 @@ import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.frames import Frame, Opcode
 
-from tests.support.logins import cookie_of, users
+from tests.dashboard.recorders import CommandRecorder, settle, zeros_at_the_end
+from tests.support.gateway_requests import cookie_of, users
 from tests.support.page_client import PATIENCE_S, Page, Site, robot_on_a_bus, site
-from tests.support.recorders import CommandRecorder, settle, zeros_at_the_end
 from tests.support.withheld import Stopwatch
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware

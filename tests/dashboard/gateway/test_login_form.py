@@ -9,9 +9,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.support.logins import ask, log_in, users
+from tests.support.gateway_requests import (
+    FORM,
+    MALFORMED,
+    answer,
+    ask,
+    log_in,
+    malformed,
+    request,
+    users,
+)
 from tests.support.page_client import Site, site
-from tests.support.raw_http import FORM, MALFORMED, answer, malformed, request
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.login import LoginFormError, parse_login_form
 from tsd_twin.security.rate_limits import LoginRateLimiter

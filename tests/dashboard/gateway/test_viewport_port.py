@@ -15,10 +15,9 @@ from urllib.parse import quote
 import pytest
 import viser
 
-from tests.support.empty_scene import EmptyScene
-from tests.support.logins import ask, cookie_of, users
+from tests.support.gateway_requests import ask, cookie_of, dialled, is_closed, status_of, users
 from tests.support.page_client import PATIENCE_S, Site, site
-from tests.support.raw_http import dialled, is_closed, status_of
+from tests.support.scene_doubles import EmptyScene
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimits
 from tsd_twin.dashboard.gateway.pages import BUNDLE, FILES, VIEWPORT_PATH

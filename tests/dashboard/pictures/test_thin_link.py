@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.support.thin_link import THIN, Page, added_ms
+from tests.dashboard.pictures.thin_link import THIN, Page, added_ms
 
 TEN_MINUTES_S = 600.0
 

@@ -19,7 +19,7 @@ from urllib.parse import quote, unquote
 import pytest
 from websockets.exceptions import InvalidStatus
 
-from tests.support.logins import cookie_of, users
+from tests.support.gateway_requests import cookie_of, users
 from tests.support.page_client import PATIENCE_S, Page, Site, site
 from tests.support.recorded_drives import RecordedDrive
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware

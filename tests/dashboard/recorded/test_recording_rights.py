@@ -10,7 +10,7 @@ import pytest
 from websockets.exceptions import InvalidStatus
 
 from tests.dashboard.recorded.test_recording_library import Client, drive
-from tests.support.logins import PHRASE
+from tests.support.gateway_requests import PHRASE
 from tests.support.page_client import Page, Site, site
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.security import Role

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.page_client import Page, Site, robot_on_a_bus
-from tests.support.replays import replaying, stopped_drive
+from tests.support.recorded_drives import replaying, stopped_drive
 from tests.support.robot_node import ANY_PORT
 from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.messages import topics

@@ -6,8 +6,8 @@ from collections.abc import Generator
 
 import pytest
 
-from tests.support.robot_feed import RobotFeed
-from tests.support.view_desk import OTHER_PAGE, PAGE, ViewDesk
+from tests.dashboard.scene.view_desk import OTHER_PAGE, PAGE, ViewDesk
+from tests.support.scene_doubles import RobotFeed
 from tests.support.viser_client import ViserClient
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.scene import Scene

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.dashboard.scene.view_desk import PAGE, ViewDesk
 from tests.support.link_sockets import eventually
-from tests.support.robot_feed import RobotFeed
-from tests.support.view_desk import PAGE, ViewDesk
+from tests.support.scene_doubles import RobotFeed
 from tests.support.viser_client import CAMERA, ViserClient, chosen
 from tsd_twin.dashboard.scene.framing import CameraPose, ClientCamera, Rectangle, pictured
 from tsd_twin.dashboard.scene.viser_compat import FIELD_OF_VIEW_RAD

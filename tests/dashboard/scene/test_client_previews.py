@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.support.robot_feed import RobotFeed, link_poses
-from tests.support.view_desk import PAGE, ViewDesk
+from tests.dashboard.scene.view_desk import PAGE, ViewDesk
+from tests.support.scene_doubles import RobotFeed, link_poses
 from tests.support.viser_client import Node, ViserClient, chosen
 from tsd_twin.dashboard.scene.robot_visual import exaggerate_tilt
 from tsd_twin.dashboard.wire.view import TiltFactor

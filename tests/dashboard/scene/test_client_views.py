@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.support.robot_feed import RobotFeed
-from tests.support.view_desk import OTHER_PAGE, PAGE, ViewDesk
+from tests.dashboard.scene.view_desk import OTHER_PAGE, PAGE, ViewDesk
+from tests.support.scene_doubles import RobotFeed
 from tests.support.viser_client import PATIENCE_S, Node, ViserClient, chosen
 from tsd_twin import robots
 from tsd_twin.dashboard.scene.appearance import METRES

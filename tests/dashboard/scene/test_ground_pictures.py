@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import simplejpeg
 
-from tests.support.robot_feed import RobotFeed
-from tests.support.view_desk import OTHER_PAGE, ViewDesk
+from tests.dashboard.scene.view_desk import OTHER_PAGE, ViewDesk
+from tests.support.scene_doubles import RobotFeed
 from tests.support.viser_client import ViserClient
 from tsd_twin.dashboard.wire.view import TiltFactor, ViewSettings
 from tsd_twin.messages.pictures import GroundGrid

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import viser
 
-from tests.support.robot_feed import RobotFeed, link_poses
+from tests.support.scene_doubles import RobotFeed, link_poses
 from tests.support.viser_client import ViserClient, viser_client
 from tsd_twin import robots
 from tsd_twin.dashboard.scene.scene import Scene

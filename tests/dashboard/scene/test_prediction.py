@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.controller_harness import ROBOT, ControllerHarness
-from tests.support.robot_feed import RobotFeed
+from tests.support.scene_doubles import RobotFeed
 from tsd_twin.client.connection import SentCommand
 from tsd_twin.client.monitor import RoundTrips
 from tsd_twin.dashboard.scene.overlays import swept_outline

@@ -7,7 +7,7 @@ from collections.abc import Generator
 import numpy as np
 import pytest
 
-from tests.support.robot_feed import RobotFeed
+from tests.support.scene_doubles import RobotFeed
 from tests.support.viser_client import ViserClient, viser_client
 from tsd_twin.client.connection import SentCommand
 from tsd_twin.dashboard.scene import viser_compat

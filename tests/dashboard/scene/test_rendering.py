@@ -11,7 +11,7 @@ from imageio.v3 import imread
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from tests.support.browser import CHEAP_FLAGS, PATIENCE_MS, executable
-from tests.support.robot_feed import RobotFeed
+from tests.support.scene_doubles import RobotFeed
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.client_view import ClientView
 from tsd_twin.dashboard.scene.client_views import ClientViews

@@ -11,7 +11,7 @@ import pytest
 import viser
 from websockets.sync.client import connect
 
-from tests.support.robot_feed import RobotFeed
+from tests.support.scene_doubles import RobotFeed
 from tests.support.viser_client import CAMERA, ViserClient
 from tsd_twin import robots
 from tsd_twin.dashboard.scene import viser_compat

@@ -14,7 +14,7 @@ import viser
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.support.robot_feed import PERIOD_S, RobotFeed, link_poses
+from tests.support.scene_doubles import PERIOD_S, RobotFeed, link_poses
 from tests.support.viser_client import Node, ViserClient, viser_client
 from tsd_twin.dashboard.scene import paths
 from tsd_twin.dashboard.scene.drive_marks import ARROW_LENGTH_PER_SPEED_S, LEAST_ARROW_M

@@ -9,7 +9,7 @@ import pytest
 import viser
 
 from tests.support.link_sockets import eventually
-from tests.support.robot_feed import RobotFeed
+from tests.support.scene_doubles import RobotFeed
 from tests.support.viser_client import CAMERA, ViserClient, viser_client
 from tsd_twin.dashboard.scene.appearance import Theme
 from tsd_twin.dashboard.scene.client_views import ClientViews

@@ -8,8 +8,8 @@ from collections.abc import Generator
 import numpy as np
 import pytest
 
+from tests.dashboard.recorders import CommandRecorder, settle
 from tests.support.page_client import Site, site
-from tests.support.recorders import CommandRecorder, settle
 
 OTHER = "fedcba9876543210"
 

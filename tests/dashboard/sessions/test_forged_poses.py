@@ -14,9 +14,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.dashboard.recorders import CommandRecorder
 from tests.dashboard.sessions.test_navigation import go, let_go, midway, plan
 from tests.support.page_client import Site, site
-from tests.support.recorders import CommandRecorder
 from tests.support.withheld import WithheldTime
 from tsd_twin.lie import Array
 from tsd_twin.messages import topics

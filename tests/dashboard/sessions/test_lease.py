@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from tests.dashboard.recorders import CommandRecorder, settle
 from tests.support.page_client import Page, Site, robot_on_a_bus
-from tests.support.recorders import CommandRecorder, settle
 from tsd_twin.bus import Bus, client_config
 
 ALICE, BOB, CAROL = "a" * 16, "b" * 16, "c" * 16

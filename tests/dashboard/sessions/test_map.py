@@ -11,7 +11,7 @@ import pytest
 import viser
 
 from tests.support.page_client import Page, Site, site
-from tests.support.robot_feed import RobotFeed
+from tests.support.scene_doubles import RobotFeed
 from tests.support.viser_client import ViserClient, viser_client
 from tsd_twin.dashboard.scene.client_views import BackgroundWorker, ClientViews, SceneExecutor
 from tsd_twin.dashboard.scene.scene import Scene

@@ -14,10 +14,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.support.empty_scene import EmptyScene
+from tests.dashboard.recorders import CommandRecorder, settle
 from tests.support.page_client import Page, Site, site
-from tests.support.recorders import CommandRecorder, settle
-from tests.support.robot_feed import RobotFeed
+from tests.support.scene_doubles import EmptyScene, RobotFeed
 from tests.support.withheld import WithheldTime
 from tsd_twin import robots
 from tsd_twin.client.monitor import RobotMonitor

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tests.support.page_client import Page, Site, site
-from tests.support.robot_feed import RobotFeed
+from tests.support.scene_doubles import RobotFeed
 from tsd_twin import robots
 from tsd_twin.client.connection import SentCommand
 from tsd_twin.dashboard.sessions.plot_fields import REQUEST_TIMEOUT_S, PlotFields

@@ -12,10 +12,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from tests.support.empty_scene import EmptyScene
 from tests.support.link_sockets import eventually
 from tests.support.page_client import Site, site
-from tests.support.robot_feed import RobotFeed
+from tests.support.scene_doubles import EmptyScene, RobotFeed
 from tsd_twin.dashboard.sessions.previews import preview_of
 from tsd_twin.dashboard.sessions.telemetry import RobotTelemetry
 from tsd_twin.dashboard.wire.from_page import decode_page_message

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
+from tests.dashboard.recorders import settle
 from tests.support.page_client import site
-from tests.support.recorders import settle
 from tsd_twin.dashboard.sessions.session import Session
 from tsd_twin.dashboard.wire.to_page import RobotState
 from tsd_twin.messages.commands import decode_command

@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.dashboard.sessions.student_answer import answer
 from tests.support.page_client import Site
-from tests.support.student_answer import answer
 from tsd_twin.bus import Bus, node_config
 from tsd_twin.dashboard.sessions.variants import variant
 from tsd_twin.dashboard.wire.from_page import StudentRequest, decode_page_message

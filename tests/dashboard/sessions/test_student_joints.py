@@ -14,10 +14,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.support.empty_scene import EmptyScene
+from tests.dashboard.sessions.student_answer import answer
 from tests.support.link_sockets import eventually
 from tests.support.page_client import site
-from tests.support.student_answer import answer
+from tests.support.scene_doubles import EmptyScene
 from tsd_twin.dashboard.scene.client_nodes import StudentPose
 from tsd_twin.dashboard.sessions import student
 from tsd_twin.dashboard.sessions.student_equations import math_tokens

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.support.robot_feed import RobotFeed
+from tests.support.scene_doubles import RobotFeed
 from tsd_twin import robots
 from tsd_twin.adapters.ros.external_robot import ExternalLimits, describe
 from tsd_twin.dashboard.sessions.actuator_telemetry import SphereTelemetry

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
+from tests.dashboard.recorders import CommandRecorder, settle
 from tests.support.page_client import Page, Site, site
-from tests.support.recorders import CommandRecorder, settle
 from tsd_twin.dashboard.sessions.send_queue import MAX_UNACKNOWLEDGED
 from tsd_twin.messages.events import Event
 
