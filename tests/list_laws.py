@@ -1,4 +1,4 @@
-"""List of the tests by topic: `python -m tests.list_laws [FOLDER ...]`, a specification to read.
+"""List of the tests by topic: `python -m tests.list_laws [FOLDER ...]`.
 
 A folder is a topic, the first sentence of a file its subject, and the name of each test a law.
 """
@@ -29,7 +29,7 @@ def laws(file: Path) -> tuple[str, list[str]]:
 
 
 def lines(folders: tuple[str, ...] = ()) -> Iterator[str]:
-    """Yield the list as Markdown, of all folders of tests or of some."""
+    """Yield the list as Markdown, for all folders of tests or for some."""
     for folder in sorted({file.parent for file in TESTS.rglob("test_*.py")}):
         topic = folder.relative_to(TESTS).as_posix()
         if folders and not topic.startswith(folders):

@@ -13,10 +13,9 @@ from _pytest.mark.expression import Expression
 from tests.slow_tests import TESTS, listed, long_listed, shared
 
 TIMED = {"app", "bus", "dashboard", "hardware", "link_emulation", "node", "system"}
-"""Folders of tests in which threads, sockets or robots take real time; what is marked `computes`
-there is an exception."""
+"""Folders of tests with real-time threads, sockets or robots, except tests marked `computes`."""
 WRITTEN = ("busy", "computes", "system")
-"""Marks that a file gives to its tests by itself."""
+"""Marks that are written in test files."""
 _OF_ALL = re.compile(r"^pytestmark = .*?(?:\n\n|\Z)", re.MULTILINE | re.DOTALL)
 
 

@@ -1,7 +1,7 @@
 """Tests that only compute, and long: `make quick` leaves them out.
 
 `python -m tests.slow_tests` runs all tests that only compute, which takes minutes, and
-writes the list anew from how long each took.
+writes the list from their durations.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from pathlib import Path
 TESTS = Path(__file__).parent
 FILE = TESTS / "slow_tests.txt"
 LONG_FILE = TESTS / "long_tests.txt"
-"""Tests, or single cases of them, for `make test-long`: the same laws over more of their cases, and
-what takes more than about five seconds of processor."""
+"""Tests or test cases for `make test-long`: more cases of the same laws, and tests that take more
+than about five seconds of processor time."""
 SHARED_FOLDERS = ("firmware", "lab", "research")
 """Their slow tests run with the quick ones, so that both runs of what computes take as long."""
 LIMIT_S = 0.5

@@ -1,4 +1,4 @@
-"""Client of Foxglove's WebSocket protocol that is not ours (`robo-ws-bridge`), for tests."""
+"""Third-party client of Foxglove's WebSocket protocol (`robo-ws-bridge`)."""
 
 from __future__ import annotations
 
@@ -34,10 +34,9 @@ def twist_cdr(vx_mps: float) -> bytes:
 
 
 class _EndsWhenClosed:
-    """A socket of which the client hears that it is closed.
+    """Socket that notifies the client when it is closed.
 
-    When a server closes normally, the loop of the client would go on without a pause, for ever, and
-    hold up all else in this process.
+    Without the notice, the client's loop would spin after a normal close and block this process.
     """
 
     def __init__(self, socket: Any, on_closed: Callable[[], None]) -> None:
@@ -64,7 +63,7 @@ class _Client(WebSocketBridgeClient):
 
 
 class ForeignClient:
-    """One connection, with the newest message of each topic."""
+    """Connection with the latest message of each topic."""
 
     def __init__(self, url: str) -> None:
         self.client = _Client(url)
@@ -100,7 +99,7 @@ class ForeignClient:
         return [channel["topic"] for channel in self.client.channels.values()]
 
     def message(self, topic: str) -> Any:
-        """The newest message of a topic, decoded."""
+        """Latest message of a topic, decoded."""
         schema, payload = self.newest[topic]
         return json.loads(payload) if not schema else STORE.deserialize_cdr(payload, schema)
 
@@ -163,11 +162,11 @@ class ForeignClient:
             await asyncio.gather(pushing, return_exceptions=True)
 
     async def pause(self) -> None:
-        """Let go of the stick: wait longer than it has to be at rest."""
+        """Release the stick, and wait longer than the required rest."""
         await asyncio.sleep(0.6)
 
     async def until_still(self) -> None:
-        """Wait until the robot stands."""
+        """Wait until the robot is at rest."""
         at_m = float("nan")
         for _ in range(400):
             await asyncio.sleep(0.1)

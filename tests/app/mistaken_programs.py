@@ -1,4 +1,4 @@
-"""Programs that end at once, as after a mistake, many of one program in one process."""
+"""Programs that end at once after a mistake, with many calls in one process."""
 
 from __future__ import annotations
 

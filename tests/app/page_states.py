@@ -50,7 +50,7 @@ TABS = ("Drive", "Modules", "Plots", "Health", "View", "Student")
 
 
 def open_tab(stage: PageStage, name: str) -> bool:
-    """Open a tab of the panel; return whether this window has it."""
+    """Open a tab of the panel; return whether the tab exists in this window."""
     return stage.page.evaluate(
         """(name) => {
           const shown = (node) => node.checkVisibility();

@@ -13,7 +13,7 @@ SIZE = 600_000
 
 
 class SmallDisk:
-    """Folder on a disk of its own; `fill` leaves no byte, `free` makes room again."""
+    """Folder on a separate disk; `fill` uses all space, `free` frees some."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -31,8 +31,9 @@ class SmallDisk:
 
 
 class LimitedFiles(SmallDisk):
-    """The same by a limit of the size of files of one process: its writes fail as on a full disk,
-    with another error number.
+    """Folder for a process with a limit on its file size.
+
+    Writes fail as on a full disk, with another error number.
     """
 
     def fill(self, pid: int) -> None:

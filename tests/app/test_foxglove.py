@@ -172,7 +172,7 @@ def test_a_foreign_client_arms_drives_and_silence_stops_the_robot(
     async def drive_and_fall_silent(it: ForeignClient) -> None:
         await it.pause()
         before, start_m = it.status["stops"], it.x_m
-        with stage.withheld() as withheld:  # The latest pose may have come late, too.
+        with stage.withheld() as withheld:  # The latest pose may also be late.
             await it.push(SPEED_MPS, 1.2, encoding)
             last_m, last_s = it.x_m, time.monotonic()
             await it.until(lambda: it.status["mode"] == "ready", "it does not stop")
@@ -253,7 +253,7 @@ def test_a_client_that_is_killed_leaves_a_robot_at_rest_and_free(stage: Stage) -
             async with foreign_client(stage.url) as driver:
                 await driver.call("/arm")
                 await driver.pause()
-                withheld = stage.withheld()  # The latest pose may have come late, too.
+                withheld = stage.withheld()  # The latest pose may also be late.
                 await driver.push(SPEED_MPS, 0.8)
                 last_m = it.x_m
                 # The system sends this for a killed process.

@@ -236,7 +236,7 @@ def test_a_node_arms_drives_and_silence_stops_the_robot(stage: Stage, type_name:
     node.until(lambda: str(node.status["lease"]["holder"]).startswith("ros-"), "not held")
     before, start_m = node.status["stops"], node.x_m
     stage.pause()
-    with stage.withheld() as withheld:  # The latest pose may have come late, too.
+    with stage.withheld() as withheld:  # The latest pose may also be late.
         end_s = time.monotonic() + 1.2
         while time.monotonic() < end_s:
             if type_name == TWIST:
@@ -270,7 +270,7 @@ while True:
         assert publisher.stdout is not None
         try:
             assert publisher.stdout.readline() == b"ready\n"
-            withheld = stage.withheld()  # The latest pose may have come late, too.
+            withheld = stage.withheld()  # The latest pose may also be late.
             node.until(lambda: node.speed_mps > 0.5, "it does not drive")
         finally:
             publisher.kill()

@@ -26,7 +26,7 @@ class LoopInvariants:
     since_stop: list[str]
     """What has been done since the last stop: `reset`, `arm`, `push`."""
     obeyed: bytes = b""
-    """The lease of the newest command that was obeyed."""
+    """Lease of the latest obeyed command."""
 
     def hold(self, before: Array, dt_s: float) -> None:
         """Check all invariants; `before` is the twist of `dt_s` ago."""
@@ -50,7 +50,7 @@ class LoopInvariants:
         assert gate.accepted == self.referee.counted
 
     def two_operators_never_drive_at_once(self) -> None:
-        """Only commands of the operator with the newest lease are obeyed."""
+        """Only commands of the operator with the latest lease are obeyed."""
         supervisor = self.rig.controller.supervisor
         if supervisor.command is not None:
             assert supervisor.command.operator == self.referee.holder
@@ -128,7 +128,7 @@ class LoopInvariants:
 
 
 def upright_enough(rig: ControllerHarness) -> bool:
-    """No axle leans by more than 30 degrees."""
+    """No axle tilts by more than 30 degrees."""
     joints = rig.setpoint.reshape(-1, 3)
     upright = np.cos(joints[:, 0]) * np.cos(joints[:, 1])
     return bool((upright >= np.cos(np.radians(30.0)) - 1e-12).all())

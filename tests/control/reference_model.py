@@ -21,10 +21,10 @@ class CommandReference:
         self.sent = 0
         self.counted_s = -math.inf
         self.echoed_s = -math.inf
-        """When the status was sent that the newest counted command had seen."""
+        """Send time of the status seen by the latest accepted command."""
         self.pushed_s = -math.inf
         self.stands_until_s = -math.inf
-        """When the newest command that counted stops moving the robot."""
+        """Time at which the latest accepted command expires."""
         self.interrupted_s = -math.inf
         """When the robot was last armed, became ready, began to stop, or was shut off."""
         self.asked = ("", -math.inf)
@@ -32,7 +32,7 @@ class CommandReference:
         self.reserved = ("", -math.inf)
         """Who alone may take control, and until when."""
         self.kept = ("", -math.inf)
-        """Who was told no, and until when that stands."""
+        """Refused operator, and the end of the refusal."""
 
     def note_interruption(self, now_s: float) -> None:
         self.interrupted_s = now_s
@@ -51,9 +51,10 @@ class CommandReference:
         return self.asked[0] if not self.is_free(now_s) and now_s < self.asked[1] else ""
 
     def stands(self, now_s: float) -> bool:
-        """Whether the newest command that counted may still move the robot: it came no longer ago
-        than the timeout and what the lease adds to the age, and what it had seen was sent no longer
-        ago than the age that the lease allows.
+        """Return whether the latest accepted command may still move the robot.
+
+        It arrived within the timeout plus the lease's additional age, and the status it had seen
+        was sent within the lease's maximum age.
         """
         return now_s <= self.stands_until_s
 

@@ -21,7 +21,7 @@ class BytesPort:
         self._answer = answer
 
     def clearPort(self) -> None:  # noqa: N802  The SDK's name.
-        """Do nothing: there are no old bytes."""
+        """Do nothing, because there are no old bytes."""
 
     def writePort(self, packet: list[int]) -> int:  # noqa: N802
         self.written += bytes(packet)
@@ -32,7 +32,7 @@ class BytesPort:
         return taken
 
     def setPacketTimeout(self, length: int) -> None:  # noqa: N802
-        """Do nothing: there are no time-outs."""
+        """Do nothing, because there are no timeouts."""
 
     def isPacketTimeout(self) -> bool:  # noqa: N802
         return not self._answer

@@ -1,5 +1,5 @@
-"""Fault matrix of the robot in a box: how far it goes from 1 m/s, when its wheels are no longer
-driven, and what has to be done before anything moves again.
+"""Fault matrix of the robot in a box: distance from 1 m/s, time until the wheels are off, and steps
+before the robot can move again.
 
 `python -m tests.firmware.fault_matrix` prints the rows of docs/bridge.md.
 """
@@ -43,10 +43,10 @@ class Fault:
     inject: Act
     mend: Act
     before: str
-    """What has to be done before anything moves again."""
+    """Steps before anything moves again."""
     wiring: Wiring = AS_DRAWN
     pc: bool = True
-    """Whether the PC goes on sending."""
+    """Whether the PC continues to send."""
     sensors: bool = False
     """Whether the wheels have speed sensors."""
     lets_go: bool = False
@@ -202,7 +202,7 @@ FAULTS = (
 
 @dataclass(frozen=True)
 class Result:
-    """Outcome of one fault."""
+    """Outcome of a fault."""
 
     off_s: float
     """When the wheels were no longer driven."""
@@ -258,7 +258,7 @@ def _go_on(pilot: FirmwareHost, goal: list[int], fault: Fault) -> None:
 
 
 def row(fault: Fault, result: Result | None) -> list[str]:
-    """Cells of a row of the table; without a result only what is wrong, and how it is wired."""
+    """Return the cells of a table row; without a result only fault and wiring."""
     cells = [fault.what, WIRINGS[fault.wiring]]
     if result is None:
         return cells

@@ -805,7 +805,7 @@ def a_switch_between_its_ends_does_not_chatter(bench: Bench) -> None:
         sim.board.set_receiver(sim.receiver_us)
 
     def around(us: float, least: float = 900.0, most: float = 2100.0) -> list[float]:
-        """Any pulses between limits, then pulses that wander around one of them."""
+        """Any pulses between limits, then pulses near one of them."""
         near = np.clip(us + np.cumsum(random.normal(0.0, 4.0, 8)), least, most)
         return [*random.uniform(least, most, 6), *near]
 

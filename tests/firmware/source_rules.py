@@ -24,9 +24,9 @@ STOP = 2
 BATTERY = Setup(battery_arm_mv=11000, battery_stop_mv=10000)
 LEANING = (0, 60, 0, -60, 0, 0)
 HEATED_S = 0.6
-"""After this the temperature of every servo has been read once more."""
+"""Time in which the board reads the temperature of every servo."""
 SLOW_STEP_PER_S = 340.0
-"""Of a joint that nobody drives: 29 degrees in a second."""
+"""Speed of an undriven joint: 29 degrees per second."""
 
 
 class Source(StrEnum):
@@ -40,7 +40,7 @@ Act = Callable[[FirmwareHost], object]
 
 
 def ask(pilot: FirmwareHost, source: Source) -> Telemetry:
-    """Let a source ask for the robot; return what the board says to that."""
+    """Request the robot for a source; return the telemetry after it."""
     if source is Source.PC:
         pilot.cycle(0)
         pilot.cycle(1)
@@ -130,7 +130,7 @@ def _just_closed(pilot: FirmwareHost) -> None:
 
 
 def _welded(pilot: FirmwareHost) -> None:
-    pilot.simulation.board.reset(power=True)  # The contactor stays closed meanwhile.
+    pilot.simulation.board.reset(power=True)  # The contactor stays closed.
     pilot.simulation.run(HOLD_S)
     pilot.telemetry()
 
@@ -226,7 +226,7 @@ def a_gimbal_that_does_not_follow_stops_every_source(bench: Bench) -> None:
 
 def a_gimbal_that_is_under_way_follows(bench: Bench) -> None:
     pilot = driven_by(Source.PC, bench)
-    for i in range(20):  # As far as they get, to and fro.
+    for i in range(20):  # Full deflection in both directions.
         far = 340 if i % 2 else -340
         assert pilot.drive(0.3, goal=(far,) * 6).mode == BoardMode.ARMED
     for i in range(150):
@@ -272,7 +272,7 @@ def a_stop_of_the_pc_holds_for_every_source(bench: Bench) -> None:
         pilot.cycle(1)
         assert pilot.mode() == BoardMode.DISARMED, "1 after 2 is no edge"
         pilot.session = (0, 0)
-        pilot.ask(pilot.command(0))  # Of another session.
+        pilot.ask(pilot.command(0))  # From another session.
         assert ask(pilot, Source.RADIO).refusal == Refusal.STOPPED
         leave(pilot, Source.RADIO)
         pilot.cycle(0)

@@ -49,14 +49,14 @@ def drives(draw: st.DrawFn, fewest: int = 2) -> SingularityKinematics:
 
 @st.composite
 def directions(draw: st.DrawFn) -> Array:
-    """A direction for a twist; one axis alone now and then."""
+    """Return a direction for a twist, sometimes along one axis."""
     twist = np.array([draw(st.floats(-1.0, 1.0)) for _ in range(3)])
     twist *= draw(st.sampled_from([[1, 1, 1], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0]]))
     return twist if np.abs(twist).max() > 1e-3 else np.array([1.0, 0.0, 0.0])
 
 
 shares = st.one_of(st.floats(1e-100, 1.0), st.sampled_from([1e-12, 1e-9, 1e-6, 0.0]))
-"""Of the tilt limit; near zero on purpose, where steer angles have no meaning."""
+"""Fractions of the tilt limit, including values near zero, where steer angles are undefined."""
 
 
 def within_limit(kinematics: SingularityKinematics, direction: Array, share: float) -> Array:

@@ -1,4 +1,4 @@
-"""Everything that can command a robot, as it is, at a robot in virtual time."""
+"""All real command sources, connected to a robot in virtual time."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class CommandSource(ABC):
         return MemoryBus(self.robot.network)
 
     def seen_at(self, age_s: float) -> int:
-        """Return the number of the status that was the newest some time ago."""
+        """Return the sequence number of the latest status at an earlier time."""
         sent_s = self.robot.node._controller.supervisor.gate._sent_s
         then_s = self.robot.clock.now_s - age_s
         return max((seq for seq, at_s in sent_s.items() if at_s <= then_s), default=0)
@@ -148,7 +148,7 @@ class ServosAtComputer(ScriptSource):
 
 
 class _Socket:
-    """Web socket of a page, which keeps what was sent to it."""
+    """WebSocket of a page that records sent messages."""
 
     def __init__(self) -> None:
         self.sent: list[dict[str, Any]] = []
@@ -314,7 +314,7 @@ class _Graph:
 
 
 class RosPublisher(CommandSource):
-    """A node of ROS that publishes `cmd_vel`, with a clock of its own."""
+    """ROS node with a separate clock that publishes `cmd_vel`."""
 
     _AHEAD_NS = 12_345_678_901
 
@@ -397,7 +397,7 @@ class RadioControl(CommandSource):
 
 
 class ReplayedDrive(CommandSource):
-    """A recording of a drive, with all its commands, that is played beside the robot."""
+    """Recording of a drive with all its commands, replayed next to the robot."""
 
     async def open(self) -> None:
         """Record a script that drives this robot, and bring the robot to rest."""
@@ -451,7 +451,7 @@ class ReplayedDrive(CommandSource):
         """It has no inputs: what was recorded is all it has."""
 
     async def hold(self, seconds: float, vx_mps: float) -> None:
-        """Play the recording, as fast as it was."""
+        """Replay the recording at its original speed."""
         del vx_mps
         end_s = self.robot.clock.now_s + seconds
         self._replay.run(cast("Any", _Until(self.robot, end_s)))

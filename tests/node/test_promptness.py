@@ -22,7 +22,7 @@ def test_every_command_counts_including_the_first(node: RunningNode) -> None:
         before = pilot.status.command
         for count in range(1, 1 + COMMANDS):
             pilot.send((0.0, 0.0, 0.0))
-            # Of several in a period, only the latest counts.
+            # Only the latest command in a period counts.
             accepted = before.accepted + count
             pilot.wait_until(lambda number=accepted: pilot.status.command.accepted >= number)
         pilot.wait_for_news()

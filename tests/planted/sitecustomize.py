@@ -1,4 +1,4 @@
-"""Plant a fault in programs of ours; `python -m tests.planted_faults` names it in a variable."""
+"""Plant a fault in programs of the package; `python -m tests.planted_faults` sets its name."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _TWICE_EVERY = 20
 
 
 def _loop_sleeps(module: Any) -> None:
-    """The control loop sleeps 120 ms every so often."""
+    """Let the control loop sleep 120 ms in each interval."""
     tick = module.RobotNode._tick
     due_s: dict[int, float] = {}
 
@@ -31,7 +31,7 @@ def _loop_sleeps(module: Any) -> None:
 
 
 def _dashboard_blocks(module: Any) -> None:
-    """The event loop of the dashboard is blocked for 300 ms every so often."""
+    """Block the event loop of the dashboard for 300 ms in each interval."""
     run: Callable[..., Coroutine[Any, Any, None]] = module.run
 
     async def blocked(*args: Any, **kwargs: Any) -> None:

@@ -51,7 +51,7 @@ class SupervisorHarness:
         self.supervisor.step(self.now_s, **self.inputs)
 
     def wait(self, seconds: float, **inputs: Any) -> None:
-        """Let time pass; the inputs hold from now on, a text for a fault of the hardware."""
+        """Advance the time with new inputs; a text is a hardware fault."""
         if "fault" in inputs:
             inputs["fault"] = hardware_reason(inputs["fault"])
         self.inputs |= inputs

@@ -26,19 +26,19 @@ FLAGS = (
     "--enable-unsafe-swiftshader",
     "--ignore-gpu-blocklist",
 )
-"""Draws the scene, on the processor."""
+"""Renders the scene on the processor."""
 CHEAP_FLAGS = (*FLAGS, "--disable-gpu-compositing")
-"""Draws the scene likewise, but not the rest of the page on an emulated GPU: that costs most."""
+"""Renders the scene like this, but the page without an emulated GPU, the most expensive part."""
 FLAGS_WITHOUT_SCENE = (*_EITHER, "--disable-gpu", "--disable-software-rasterizer")
-"""A browser that has no WebGL: all controls and no scene, which costs a test machine most."""
+"""Browser without WebGL: all controls, but no scene, which is the most expensive part."""
 FEW_FRAMES = """{
   const next = window.requestAnimationFrame.bind(window);
   window.requestAnimationFrame = (callback) => setTimeout(() => next(callback), 200);
 }
 """
-"""Script of a page that draws the scene five times a second at most, as one on a slow computer.
+"""Page script that limits rendering to 5 Hz, as on a slow computer.
 
-To draw it as often as it can takes most of the processor.
+Without a limit, rendering takes most of the processor.
 """
 PATIENCE_MS = 60_000
 expect.set_options(timeout=PATIENCE_MS)
@@ -54,7 +54,7 @@ _CENTRE = """(found) => {
 
 
 def executable() -> str:
-    """Return the browser that `scripts/ensure_chromium` looks for."""
+    """Return the path of the browser that `scripts/ensure_chromium` installs."""
     for name in ("chromium", "chromium-browser", "google-chrome"):
         if found := shutil.which(name):
             return found
@@ -73,7 +73,7 @@ def press(page: Page, name: str, patience_ms: float = PATIENCE_MS) -> None:
     button = page.get_by_role("button", name=name, exact=True)
     expect(button).to_be_visible(timeout=patience_ms)
     expect(button).not_to_have_attribute("aria-disabled", "true", timeout=patience_ms)
-    # By the centre of its box: waiting for frames that are the same takes long without a GPU.
+    # Click its centre, because waiting for a stable frame takes long without a GPU.
     before, box = None, button.bounding_box()
     while box is None or box != before:  # Its neighbours may still move or hide it.
         page.wait_for_timeout(100)
@@ -83,7 +83,7 @@ def press(page: Page, name: str, patience_ms: float = PATIENCE_MS) -> None:
 
 
 def until_linked(page: Page) -> None:
-    """Wait until the page shows a round trip, so that it is connected and receives states."""
+    """Wait until the page shows a round-trip time, which proves that it receives states."""
     link = page.get_by_role("button", name=re.compile("^Link"))
     expect(link).to_contain_text(re.compile(r"\d+\s*ms"), timeout=PATIENCE_MS)
 
@@ -96,9 +96,9 @@ def press_linked(page: Page, name: str, then: Locator) -> None:
 
 
 def click_through(page: Page, *names: str) -> None:
-    """Click on each of these buttons that can be used now, as assistive technology does."""
+    """Click each of these buttons that is enabled, as assistive technology does."""
     for name in names:
-        # In one go, which waits for nothing: what was there a moment ago may be gone.
+        # In one script without waits, because buttons can disappear between calls.
         page.get_by_role("button", name=name, exact=True).evaluate_all(
             "(found) => found.filter((each) => each.getAttribute('aria-disabled') !== 'true')"
             ".slice(0, 1).forEach((each) => each.click())"
@@ -107,27 +107,27 @@ def click_through(page: Page, *names: str) -> None:
 
 
 def take_control_and_arm(page: Page) -> None:
-    """Do what a newcomer does first."""
+    """Follow the steps of a new user."""
     mode(page, "disarmed")
     get_ready(page)
 
 
 def get_ready(page: Page) -> None:
-    """Take control and arm with the mouse, as often as it takes.
+    """Take control and arm with the mouse; repeat until the robot is ready.
 
-    A page that gets no time is silent, and loses control; its robot may be in a fault then. One
-    that is slow when it takes control is granted less speed, as over a far link.
+    A page without processor time sends nothing and loses control, and its robot may be in a
+    fault. A page that is slow when it takes control gets a lower speed, as over a far link.
     """
     said = page.get_by_role("status", name="Mode")
     held = page.get_by_role("button", name="Release control")
     armed = page.get_by_role("button", name="Disarm", exact=True)
-    for _ in budget.tries("take control and arm", _PRESSES, free=2):  # The second looks.
+    for _ in budget.tries("take control and arm", _PRESSES, free=2):  # The second call checks.
         with contextlib.suppress(AssertionError):
             link = page.get_by_role("button", name=re.compile("^Link"))
             expect(link).to_contain_text(_NEAR, timeout=PATIENCE_MS / _PRESSES)
         if held.is_visible() and re.search("ready|driving", said.inner_text(), re.IGNORECASE):
             return
-        click_through(page, "Hold to reset")  # Which a mouse would have to hold.
+        click_through(page, "Hold to reset")  # A mouse would have to hold it.
         for name, then in (("Take control", held), ("Arm", armed)):
             if press_now(page, name):
                 with contextlib.suppress(AssertionError):
@@ -141,7 +141,7 @@ def press_now(page: Page, name: str) -> bool:
     """Press a button with the mouse, and return whether it can be used now."""
     button, before = page.get_by_role("button", name=name, exact=True), None
     while (place := button.evaluate_all(_CENTRE)) is not None:
-        if place == before:  # Its neighbours do not move it any longer.
+        if place == before:  # Its position is now stable.
             page.mouse.click(*place)
             return True
         before = place
@@ -150,13 +150,13 @@ def press_now(page: Page, name: str) -> bool:
 
 
 def give_back(page: Page) -> None:
-    """Release all controls, then disarm and release the robot, in any state of the page."""
+    """Release all controls, disarm, and release the robot, in any state of the page."""
     page.mouse.up()
     for key in "wasdqeg":
         page.keyboard.up(key)
     free = page.get_by_role("button", name="Take control", exact=True)
     said = page.get_by_role("status", name="Mode")
-    for _ in range(PATIENCE_MS // 100):  # Each turn waits for 100 ms.
+    for _ in range(PATIENCE_MS // 100):  # Each iteration waits 100 ms.
         if "disarmed" not in said.inner_text().lower():
             click_through(page, "Take control", "Hold to reset", "Disarm")
         elif not free.is_visible():

@@ -81,7 +81,7 @@ class BusOperator:
         with self._news:
             assert self._news.wait_for(condition, PATIENCE_S), (self.status, self.events[-3:])
 
-    # What it sees.
+    # Received states.
 
     @property
     def status(self) -> RobotStatus:
@@ -117,7 +117,7 @@ class BusOperator:
         self.wait_until(lambda: self.status.mode == mode)
 
     def wait_for_news(self) -> None:
-        """Wait until a status has come that was sent after now."""
+        """Wait for a status that was sent after this call."""
         first = len(self.history["status"])
         self.wait_until(lambda: len(self.history["status"]) > first + 1)
 
@@ -129,7 +129,7 @@ class BusOperator:
             rows.append([decode_stamp(sample.attachment)[1] * 1e-9, *odometry.xy_heading])
         return np.array(rows)
 
-    # What it does.
+    # Requests and commands.
 
     def ask(self, service: Service, raw: bytes | None = None, **fields: Any) -> dict[str, Any]:
         payload = json.dumps(fields).encode() if raw is None else raw
@@ -166,7 +166,7 @@ class BusOperator:
         until: Callable[[], Any] = lambda: False,
         frame: str = BASE,
     ) -> None:
-        """Hold the stick, 50 commands a second, for a time or until something is seen."""
+        """Send 50 commands per second for a time, or until a condition holds."""
         for _ in range(round(min(seconds, PATIENCE_S) / 0.02)):
             if until():
                 return

@@ -1,7 +1,7 @@
-"""Simulated VESC and moteus controllers on a CAN bus of python-can, with the dead-man of each.
+"""Simulated VESC and moteus controllers on a CAN bus of python-can, with their command timeouts.
 
-A VESC lets its motor go a time after the last set command, and turns it again at the next one. A
-moteus latches its time-out until a stop command. `python -m tests.support.can_motors` runs some.
+A VESC releases its motor some time after the last setpoint, and the next setpoint restarts it. A
+moteus latches its timeout until a stop command. `python -m tests.support.can_motors` runs some.
 """
 
 from __future__ import annotations
@@ -178,7 +178,7 @@ class MotorBus:
         if register == 0:
             if value == 0:
                 motor.mode, motor.wanted_hz = 0, 0.0
-            elif motor.mode not in (1, 11):  # Only a stop leaves a fault or a time-out.
+            elif motor.mode not in (1, 11):  # Only a stop clears a fault or a timeout.
                 motor.mode = int(value)
         elif register == 0x21:
             motor.wanted_hz = value

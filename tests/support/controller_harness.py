@@ -1,4 +1,4 @@
-"""Harness: robot controller, ideal joints and operators in virtual time."""
+"""Robot controller, ideal joints, operators and delayed clients in virtual time, without a bus."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ ROBOT = robots.load_robot("tsd")
 
 @dataclass(slots=True)
 class HarnessOperator:
-    """Operator that holds a lease, or held one."""
+    """Operator with a current or expired lease."""
 
     name: str
     lease: str
@@ -76,12 +76,12 @@ class ControllerHarness:
 
     @property
     def pose(self) -> Array:
-        """x, y, heading as the robot estimates it; of a sphere its quaternion, w first."""
+        """Estimated x, y and heading; for a sphere the quaternion, w first."""
         message = self.controller.odometry(0)
         return message.xy_heading if message.wxyz is None else message.wxyz
 
     def truth(self) -> Array:
-        """x, y, heading as the simulator knows it."""
+        """True x, y and heading."""
         assert self.simulated is not None
         return self.simulated.truth(self.now_s).pose.xy_heading
 
@@ -90,7 +90,8 @@ class ControllerHarness:
 
     def tick(self, dt_s: float = PERIOD_S) -> None:
         """Run one period of the control loop, as the node does: read, step, write, send the
-        status."""
+        status.
+        """
         self.now_s += dt_s
         inbox, self.inbox = self.inbox, []
         self.setpoint = self.controller.step(
@@ -132,7 +133,7 @@ class ControllerHarness:
     def sample(
         self, pilot: HarnessOperator, twist: Sequence[float], frame: str = BASE, **changed: Any
     ) -> Sample:
-        """A command of the three numbers, as it should be but for what is `changed`."""
+        """Return a valid command for three velocities, except for the fields in `changed`."""
         spatial = np.zeros(6)
         spatial[list(self.controller.kinematics.twist_axes)] = twist
         attachment = encode_attachment(
@@ -149,7 +150,7 @@ class ControllerHarness:
     def drive(
         self, pilot: HarnessOperator, twist: Sequence[float], seconds: float, frame: str = BASE
     ) -> None:
-        """Hold the stick: 50 commands a second."""
+        """Send 50 commands per second."""
         for i in range(round(seconds / PERIOD_S)):
             if i % 2 == 0:
                 self.send(pilot, twist, frame)
@@ -189,7 +190,7 @@ class DelayedClient:
         self.up_s, self.down_s = up_s, down_s
         self.up_lost = self.down_lost = self.paused = False
         self.given_s = -math.inf
-        """When the newest input was given."""
+        """Time of the latest input."""
         self.failures: list[str] = []
         self._heard = self.rig.status_seq
         self._up: deque[tuple[float, Sample]] = deque()
@@ -209,7 +210,7 @@ class DelayedClient:
         return self.rig.mode is Mode.DRIVING and command is not None and bool(command.twist.any())
 
     def give(self, age_s: float = 0.0) -> None:
-        """Set a velocity that was given some time ago."""
+        """Set a velocity from an input of some age."""
         now_s = self.rig.now_s
         self.given_s = max(self.given_s, now_s - age_s)
         try:
@@ -218,7 +219,7 @@ class DelayedClient:
             self.failures.append(str(error))
 
     def send(self, command: TwistCommand | None) -> None:
-        """Hand a command to the link."""
+        """Send a command over the link."""
         if command is not None and not self.up_lost:
             key = twist_key("tsd", command.operator)
             sample = Sample(key, command.payload, command.attachment)
@@ -247,7 +248,7 @@ class DelayedClient:
             self.tick()
 
     def drive_for(self, inputs: int, ticks: int, age_s: float) -> float:
-        """Give inputs of an age, one every few periods; return for how long the robot drove."""
+        """Apply inputs of some age every few periods; return how long the robot drove."""
         moved_s = 0.0
         for _ in range(inputs):
             self.give(age_s)

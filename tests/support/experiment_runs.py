@@ -1,4 +1,4 @@
-"""Experiments run as the program `tsd-lab` runs them, without the program."""
+"""Runs of `tsd-lab` experiments in this process."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from tsd_twin.lie import Array
 
 
 class _Parser(argparse.ArgumentParser):
-    """Parser whose refusal is an error, not the end of the process."""
+    """Parser that raises errors instead of ending the process."""
 
     def error(self, message: str) -> NoReturn:
         raise TwinError(message)
 
 
 def run(folder: Path, name: str, *flags: str) -> list[str]:
-    """Run an experiment with flags as typed; its files go to `folder`."""
+    """Run an experiment with command-line flags; it writes its files to `folder`."""
     (experiment,) = (each for each in (*tsd_lab.EXPERIMENTS, *STUDIES) if each.name == name)
     parser = _Parser()
     experiment.add_flags(parser)
@@ -39,7 +39,7 @@ def table(path: Path) -> dict[str, Array]:
 
 
 def is_picture(path: Path, least_width: int = 800) -> bool:
-    """Return whether a file is a PNG of some size in which something is drawn."""
+    """Return whether a file is a PNG with a minimum width that is not blank."""
     data = path.read_bytes()
     width = int.from_bytes(data[16:20], "big")
     return data.startswith(b"\x89PNG") and width >= least_width and len(data) > 10_000

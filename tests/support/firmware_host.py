@@ -28,11 +28,11 @@ CYCLE_S = 0.01
 MODEL = {1: MODELS[310], 2: MODELS[311]}
 """Models of the simulated servos, by protocol."""
 CHECK_S = 2.5
-"""After this all settings of all servos have been read once more."""
+"""Time in which the board reads all settings of all servos again."""
 _SET_UP_S = 0.4
-"""After this all servos hold, and the set-up is in EEPROM."""
+"""Time until all servos hold and the setup is in EEPROM."""
 HOLD_S = 2.15
-"""After this a board that got power may be armed."""
+"""Time from power-up until the board can be armed."""
 CRUISE = (2414, 2411, 2417)
 ZERO = (ZERO_THROTTLE,) * 3
 NO_GOALS = (0,) * 6
@@ -62,7 +62,7 @@ PING = protocol2.packet(BOARD_ID, protocol2.PING)
 
 
 def packets(data: bytes) -> list[bytes]:
-    """Cut what came into packets."""
+    """Split received bytes into packets."""
     found: list[bytes] = []
     while data:
         size = 7 + int.from_bytes(data[5:7], "little")
@@ -78,16 +78,16 @@ class FirmwareHost:
         self.simulation = simulation
         self.beat = 0
         self.session = (0, 0)
-        """Newest nonce of the board."""
+        """Latest nonce of the board."""
         self.sent: list[bytes] = []
-        """Bytes sent to the board, as a recorder of the line would have them."""
+        """All bytes sent to the board."""
         self.zero_us = (1000.0,) * 3
         """Pulses of zero throttle."""
         self.missed = 0
-        """Cycles without both answers."""
+        """Number of cycles with a missing response."""
 
     def ask(self, request: bytes) -> tuple[int, bytes]:
-        """Send one packet; return error and data of the answer."""
+        """Send one packet; return error and data of the response."""
         self.simulation.board.receive()
         self.simulation.board.send(request)
         self.simulation.run(0.005)
@@ -151,7 +151,7 @@ class FirmwareHost:
         torque: int = 1,
         fresh: bool = True,
     ) -> Telemetry | None:
-        """Write and read as a bridge does in one cycle; None when an answer is missing."""
+        """Write and read like a bridge in one cycle; return None if a response is missing."""
         command = self.command(arm, throttle, goal, torque=torque, fresh=fresh)
         self.sent.append(command + READ_TELEMETRY)
         self.simulation.board.send(command + READ_TELEMETRY)
@@ -182,13 +182,13 @@ class FirmwareHost:
         self.simulation.run(HOLD_S)
         assert self.set_up(setup) == 0
         self.simulation.run(_SET_UP_S)
-        self.telemetry()  # A bridge knows its session.
+        self.telemetry()  # A bridge has a session.
         return self
 
     def arm(self, *, at_once: bool = False) -> Telemetry:
         """Switch the arm command from 0 to 1; return the telemetry after it.
 
-        Unless `at_once`, zero throttle is held before for as long as it takes.
+        Unless `at_once`, hold zero throttle first for the required time.
         """
         self.telemetry()
         self.cycle(0)
@@ -200,7 +200,7 @@ class FirmwareHost:
     def get_driving(
         self, goal: Sequence[int] = NO_GOALS, setup: Setup | None = None
     ) -> FirmwareHost:
-        """Be armed, with spinning wheels."""
+        """Arm and spin the wheels."""
         self.get_ready(setup)
         assert self.arm().mode == BoardMode.ARMED
         assert self.drive(0.2, goal=goal).mode == BoardMode.ARMED
@@ -208,7 +208,7 @@ class FirmwareHost:
         return self
 
     def until_quiet(self, patience_s: float) -> float:
-        """Return after how many seconds all pulses are zero throttle; nothing is sent."""
+        """Send nothing; return the time until all pulses are zero throttle, in seconds."""
         start_s = self.simulation.board.now_s
         while max(self.simulation.pulses_us()) > 1001.0:
             self.simulation.run(0.001)
@@ -227,7 +227,7 @@ class FirmwareHost:
 
 
 def number(pilot: FirmwareHost, item: str, size: int = 1, index: int = 0) -> int:
-    """An item of the table of a board, as it is now."""
+    """Return the current value of an item in the control table."""
     at, peek = ADDRESS[item] + size * index, pilot.simulation.board.peek
     at += pilot.simulation.table_address
     return sum(peek(at + i) << 8 * i for i in range(size))
@@ -236,7 +236,7 @@ def number(pilot: FirmwareHost, item: str, size: int = 1, index: int = 0) -> int
 def run_until(
     pilot: FirmwareHost, item: str, value: int, size: int = 1, *, mask: int = 0xFFFF
 ) -> int:
-    """Run until an item has a value; return the board's time of it in milliseconds."""
+    """Run until an item has a value; return the board time in milliseconds."""
     end_s = pilot.simulation.board.now_s + 3.0
     while number(pilot, item, size) & mask != value:
         pilot.simulation.run(0.0002)
@@ -245,7 +245,7 @@ def run_until(
 
 
 class Bench:
-    """Factory of hosts for one build of the firmware, which checks all of them at the end."""
+    """Creates hosts for one firmware build, and checks their invariants at the end."""
 
     def __init__(self, elf: Path | None = None, **defaults: object) -> None:
         self._elf = elf
@@ -265,6 +265,6 @@ class Bench:
             pilot.finish()
 
     def close(self) -> None:
-        """Free all rigs."""
+        """Free all hosts."""
         for pilot in self._pilots:
             pilot.simulation.close()

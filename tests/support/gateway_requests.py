@@ -1,4 +1,4 @@
-"""Raw HTTP on a socket: requests and bytes that no browser sends."""
+"""HTTP requests to the gateway: raw bytes, logins, and nginx as in docs/access.md."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def dialled(port: int, count: int) -> Generator[list[socket.socket]]:
 
 
 def request(port: int, method: str, path: str, *lines: str, body: bytes = b"") -> bytes:
-    """Return the bytes of a request; `lines` are headers beside those that it needs."""
+    """Return the bytes of a request; `lines` are additional headers."""
     head = [f"{method} {path} HTTP/1.1", f"Host: 127.0.0.1:{port}", *lines]
     if method == "POST":
         head += [f"Origin: http://127.0.0.1:{port}", f"Content-Length: {len(body)}"]
@@ -49,7 +49,7 @@ def request(port: int, method: str, path: str, *lines: str, body: bytes = b"") -
 
 
 def status_of(connection: socket.socket) -> int:
-    """Return the status of the next answer, 0 when the other side has closed."""
+    """Return the status of the next response, or 0 if the peer has closed."""
     got = b""
     with contextlib.suppress(ConnectionError):
         while b"\r\n" not in got:
@@ -60,14 +60,14 @@ def status_of(connection: socket.socket) -> int:
 
 
 def answer(port: int, data: bytes) -> int:
-    """Send bytes on a connection of their own and return the status of the answer."""
+    """Send bytes on a new connection and return the status of the response."""
     with dial(port) as connection:
         connection.sendall(data)
         return status_of(connection)
 
 
 def is_closed(connection: socket.socket) -> bool:
-    """Return whether the other side has closed; what it has sent is thrown away."""
+    """Discard received bytes; return whether the peer has closed."""
     connection.setblocking(False)
     try:
         while connection.recv(65536):
@@ -80,10 +80,10 @@ def is_closed(connection: socket.socket) -> bool:
 
 
 def closed_after_s(connections: list[socket.socket], patience_s: float = PATIENCE_S) -> float:
-    """Return how long it took until all connections were closed, less withheld time, in seconds.
+    """Return the time until all connections are closed, less withheld time, in seconds.
 
     Raises:
-        TimeoutError: some are still open.
+        TimeoutError: If connections remain open.
     """
     watch = Stopwatch()
     left = connections
@@ -115,11 +115,11 @@ MALFORMED: tuple[tuple[str, str, bytes], ...] = (
     ("100 kB", FORM, b"name=alice&password=" + b"x" * 100_000),
     ("a thousand fields", FORM, b"a=1&" * 500 + b"name=alice"),
 )
-"""What it is, its type, and the body."""
+"""Description, content type and body."""
 
 
 def malformed(port: int, kind: str, body: bytes) -> bytes:
-    """Return a login with such a body."""
+    """Return a login request with a malformed body."""
     return request(port, "POST", "/login", *([f"Content-Type: {kind}"] if kind else []), body=body)
 
 
@@ -128,7 +128,7 @@ PHRASE = "correct horse battery"
 
 @cache
 def users() -> Users:
-    """Alice and Bob drive, Guest watches, Eve watches and may stop; they share a password."""
+    """Return drivers Alice and Bob, viewer Guest, and Eve, a viewer who may stop; same password."""
     made = Users({})
     made.put("alice", Role.OPERATOR, PHRASE, may_stop=False)
     made.put("bob", Role.OPERATOR, PHRASE, may_stop=False)
@@ -140,7 +140,7 @@ def users() -> Users:
 def ask(
     port: int, method: str, path: str, body: str = "", **headers: str
 ) -> tuple[http.client.HTTPResponse, str]:
-    """Send one request as a page of the gateway would; a header's underscore is a dash."""
+    """Send one request like a page; underscores in header names become dashes."""
     fixed = {"Origin": f"http://127.0.0.1:{port}"} if method == "POST" else {}
     fixed |= {"Content-Type": "application/x-www-form-urlencoded"} if body else {}
     fixed |= {name.replace("_", "-"): value for name, value in headers.items()}
@@ -159,7 +159,7 @@ def log_in(
 
 
 def cookie_of(port: int, name: str, **headers: str) -> str:
-    """Log in, and return the `Cookie` header to send from then on."""
+    """Log in and return the `Cookie` header for further requests."""
     answer, body = log_in(port, name, **headers)
     assert answer.status == 303, body
     return answer.headers["Set-Cookie"].split(";")[0]
@@ -183,7 +183,7 @@ http {{
 
 
 def executable() -> str:
-    """Return the nginx that `scripts/ensure_servers` looks for."""
+    """Return the path of the nginx that `scripts/ensure_servers` installs."""
     found = shutil.which("nginx") or shutil.which("nginx", path="/usr/sbin")
     assert found, "there is no nginx: run scripts/ensure_servers"
     return found
@@ -191,7 +191,7 @@ def executable() -> str:
 
 @dataclass
 class Proxy:
-    """nginx on a free port, started once its upstream is known."""
+    """nginx on a free port, started when its upstream is known."""
 
     folder: Path
     keys: Path
@@ -199,14 +199,14 @@ class Proxy:
     process: subprocess.Popen[bytes] | None = None
 
     def pass_on_to(self, url: str) -> None:
-        """Start, with the text of the docs but for ports and files."""
+        """Start with the documented configuration, except for ports and files."""
         (text,) = code(page("access.md"), "nginx")
         changes = {
             "listen 443 ssl": f"listen 127.0.0.1:{self.port} ssl",
             "127.0.0.1:8080": urlsplit(url).netloc,
             "/etc/ssl/robots.pem": str(self.keys / "robot.pem"),
             "/etc/ssl/robots.key": str(self.keys / "robot.key"),
-            # A redirect of nginx's own names the port, unless it is the usual one.
+            # Redirects by nginx contain the port unless it is the default.
             "return 301 /twin/": f"return 301 https://$host:{self.port}/twin/",
         }
         for before, after in changes.items():
@@ -230,7 +230,7 @@ class Proxy:
 
 @contextmanager
 def nginx(folder: Path, keys: Path) -> Generator[Proxy]:
-    """Yield a proxy that is started later, since it and the dashboard name each other."""
+    """Yield a proxy that starts later, because it and the dashboard need each other's address."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         made = Proxy(folder, keys, probe.getsockname()[1])

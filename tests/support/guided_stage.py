@@ -21,25 +21,25 @@ ROBOT = robots.description_of_kind(robots.load_robot("tsd"), SingularityDescript
 ZEROS_DEG = np.array([[0.4, -0.3], [0.2, 0.5], [-0.4, 0.1]])
 SPEED_MPS, ROOM_M = 1.0, 1.0
 WHERE = SE2(np.array([3.0, -2.0, 2.5]))
-"""The camera does not know where the robot thinks it is."""
+"""Robot frame in the camera frame."""
 View = Callable[[Array, float], Array | None]
 
 
 def as_seen(pose: Array, _now_s: float) -> Array | None:
-    """A camera that has nothing wrong with it."""
+    """Return the pose unchanged, like a faultless camera."""
     return pose
 
 
 @dataclass
 class Stage:
-    """A robot with a wrong calibration, led by a guide under a camera."""
+    """Robot with a wrong calibration, driven by a guide under a camera."""
 
     late_s: float = 0.08
     speed_mps: float = SPEED_MPS
     zeros_deg: Array = field(default_factory=lambda: ZEROS_DEG)
     view: View = as_seen
     truths: list[tuple[float, Array]] = field(default_factory=list)
-    """Poses in the frame of the camera."""
+    """True poses in the camera frame, with times."""
     rows: list[tuple[float, Array, Array]] = field(default_factory=list)
     plan: Callable[[SingularityDescription, float, float], GuidedRoute] = plan_calibration
     frames: list[tuple[float, Array]] = field(default_factory=list)
@@ -56,7 +56,7 @@ class Stage:
         self.camera = Camera(noise, np.random.default_rng(1))
 
     def run(self, longest_s: float = 60.0) -> None:
-        """Drive until the tour is finished; whoever raises something has stopped the robot."""
+        """Drive until the tour is finished; exceptions of the view end the drive."""
         start = self.robot.now_s
         while not self.guide.finished:
             now_s = self.robot.now_s - start
@@ -68,7 +68,7 @@ class Stage:
                     self.frames.append((frame.taken_s, seen))
                     self.guide.add_pose(SE2(seen), frame.taken_s)
             self.guide.add_twist(now_s, self.robot.odometry().twist)
-            # The robot rests until the camera has seen it.
+            # The robot rests until the first frame.
             twist = self.guide.advance(now_s) if self.frames else np.zeros(3)
             joints, told = self.robot.controller.joints, self.robot.controller.setpoint
             angles = joints.reshape(-1, 3)[:, :2].ravel()
@@ -78,7 +78,7 @@ class Stage:
             self.farthest_m = max(self.farthest_m, float(x_m), float(y_m))
 
     def stop(self) -> None:
-        """Say nothing any more, and see how far it gets: what happens when all else fails."""
+        """Send no more commands until standstill, and record the farthest position."""
         while np.abs(self.robot.controller.twist).max() > 0.0:
             self.robot._step(None)
             x_m, y_m, _ = np.abs(self.robot.truth.xy_heading)

@@ -1,4 +1,4 @@
-"""Recordings that no recorder writes: bombs of a few kilobytes, and random damage by a seed."""
+"""Recordings that no recorder writes: decompression bombs, and random damage by seed."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def record(kind: int, body: bytes) -> bytes:
 
 
 def records(data: bytes) -> list[tuple[int, bytes]]:
-    """Return kind and content of the records in some bytes."""
+    """Return kind and content of each record."""
     at, found = 0, list[tuple[int, bytes]]()
     while at < len(data):
         kind, length = _HEADER.unpack_from(data, at)
@@ -49,13 +49,13 @@ def records(data: bytes) -> list[tuple[int, bytes]]:
 
 
 def text(value: str) -> bytes:
-    """Return a text with its length."""
+    """Return a text after its length."""
     return struct.pack("<I", len(value.encode())) + value.encode()
 
 
 @dataclass(frozen=True)
 class Chunk:
-    """Chunk as it is written."""
+    """Compressed chunk."""
 
     start_ns: int
     end_ns: int
@@ -66,23 +66,23 @@ class Chunk:
 
     @classmethod
     def of(cls, content: bytes, like: Chunk) -> Chunk:
-        """Return a chunk with another content, and all that has to fit to it."""
+        """Return a chunk with other content, and matching sizes and checksum."""
         packed = zstandard.compress(content)
         return replace(like, size=len(content), crc=zlib.crc32(content), packed=packed)
 
     def content(self) -> bytes:
-        """Decompress it."""
-        return zstandard.decompress(self.packed)  # Its frame knows the size.
+        """Decompress the content."""
+        return zstandard.decompress(self.packed)  # The frame contains the size.
 
     def body(self) -> bytes:
-        """Return the content of its record."""
+        """Return the record content."""
         head = struct.pack("<QQQI", self.start_ns, self.end_ns, self.size, self.crc)
         return head + text("zstd") + struct.pack("<Q", len(self.packed)) + self.packed
 
 
 @dataclass(frozen=True)
 class Parts:
-    """Records of a recording, to write others with some of them."""
+    """Records of a recording, from which others are made."""
 
     definitions: tuple[bytes, ...]
     """Schemas and channels."""
@@ -90,7 +90,7 @@ class Parts:
 
     @classmethod
     def read(cls, path: Path) -> Parts:
-        """Take a whole file apart."""
+        """Parse a whole file."""
         every = records(path.read_bytes()[len(MAGIC) : -len(MAGIC)])
         end = next(i for i, (kind, _) in enumerate(every) if kind == Opcode.DATA_END)
         known = (Opcode.SCHEMA, Opcode.CHANNEL)
@@ -106,7 +106,7 @@ class Parts:
         return cls(definitions, tuple(chunks))
 
     def write(self, path: Path, *, repeats: int = 1, is_whole: bool = True) -> Path:
-        """Write a file; its index names each chunk so many times."""
+        """Write a file whose index lists each chunk `repeats` times."""
         data = bytearray(MAGIC + record(Opcode.HEADER, text("ros2") + text("hostile")))
         index = bytearray()
         for chunk in self.chunks:
@@ -137,7 +137,7 @@ class Parts:
         return path
 
     def with_bomb(self, size: int) -> Parts:
-        """Return these with a chunk of so many bytes, most of which are one message of zeros."""
+        """Return a copy with a chunk of a given size, mostly one message of zeros."""
         last = self.chunks[-1]
         head = _HEADER.pack(Opcode.MESSAGE, size - _HEADER.size)
         head += struct.pack("<HIQQ", last.channels[0], 1, last.end_ns, last.end_ns)
@@ -153,7 +153,7 @@ class Parts:
 
 
 def bombs(honest: Path, folder: Path) -> dict[str, Path]:
-    """Write one recording of each known kind, made of an honest one."""
+    """Write one hostile recording of each kind, based on a valid one."""
     parts = Parts.read(honest)
     first = parts.chunks[0]
     nested = _with_payloads(first, lambda _: b"[" * 400_000)
@@ -176,7 +176,7 @@ def bombs(honest: Path, folder: Path) -> dict[str, Path]:
             folder / "nested.mcap"
         ),
     }
-    largest = 6 << 20  # As large as a message may be.
+    largest = 6 << 20  # Maximum size of a message.
     zeros = tuple(replace(parts, chunks=parts.chunks[-1:]).with_bomb(largest).chunks[:1]) * 200
     made["200 chunks of 6 MiB"] = replace(parts, chunks=(*parts.chunks, *zeros)).write(
         folder / "planted.mcap"
@@ -204,7 +204,7 @@ def _with_payloads(chunk: Chunk, change: Callable[[bytes], bytes]) -> Chunk:
 
 
 def damaged(honest: Path, path: Path, seed: int) -> Path:
-    """Write a copy of an honest recording with damage of one of several kinds."""
+    """Write a copy of a valid recording with one of several kinds of damage."""
     dice = random.Random(seed)  # noqa: S311  The same file for the same seed.
     if seed % 2:
         path.write_bytes(_bytes_changed(bytearray(honest.read_bytes()), dice))
@@ -224,7 +224,7 @@ def damaged(honest: Path, path: Path, seed: int) -> Path:
 
 
 def _bytes_changed(data: bytearray, dice: random.Random) -> bytes:
-    """Change bytes anywhere, in the summary most often."""
+    """Change bytes anywhere, mostly in the summary."""
     for _ in range(dice.choice((1, 2, 8, 40))):
         at = dice.randrange(len(data))
         if dice.random() < 0.6:
@@ -268,7 +268,7 @@ def _content(chunk: Chunk, dice: random.Random) -> Chunk:
 def _payloads(chunk: Chunk, dice: random.Random) -> Chunk:
     try:
         return _with_payloads(chunk, lambda _: dice.choice(_JSON))
-    except struct.error:  # It has been changed before.
+    except struct.error:  # It was already changed.
         return chunk
 
 

@@ -1,4 +1,4 @@
-"""Provisioning of a key folder, and reading what is in it."""
+"""Key folders of robots and routers: provisioning and reading."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FIRST: dict[str, Any] = {"hosts": ("robot.local", "192.168.1.7"), "identities": 
 
 
 def provision_folder(path: Path, now: datetime = NOW, **order: Any) -> list[str]:
-    """Return the names of the files that were made."""
+    """Provision a folder; return the names of the created files."""
     folder = KeyFolder(path)
     provision(
         folder,
@@ -43,12 +43,12 @@ def content(path: Path) -> dict[str, bytes]:
 
 
 def setting(path: Path, name: str, key: str) -> Any:
-    """The configuration as Zenoh reads it."""
+    """Return a value of the configuration as parsed by Zenoh."""
     return json.loads(from_file(str(path / f"{name}.json5")).parsed().get_json(key))
 
 
 def commanders(path: Path) -> set[str]:
-    """Return who may send commands."""
+    """Return the names of the clients that may send commands."""
     policies = setting(path, "robot", "access_control/policies")
     return {
         name
@@ -62,14 +62,14 @@ OPERATOR = "alice"
 
 
 def free_endpoint() -> str:
-    """Return a TCP endpoint that nothing uses."""
+    """Return an unused TCP endpoint."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 def make_router_keys(folder: Path, robots: Sequence[str]) -> str:
-    """Write the configurations of a router, its robots and an operator of them; return where."""
+    """Write the configurations of a router, its robots and an operator; return the endpoint."""
     endpoint = free_endpoint().replace("tcp/", "tls/")
     router = ["--router-host", "127.0.0.1", "--listen", endpoint]
     names = [flag for robot in robots for flag in ("--robot", robot)]

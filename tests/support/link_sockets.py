@@ -1,4 +1,4 @@
-"""Plain sockets at both ends of an emulated link."""
+"""Sockets at both ends of an emulated link, and a TCP relay that can hang up or delay."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def port_of(endpoint: str) -> int:
 
 @contextlib.contextmanager
 def simulated(spec: str, protocol: str, port: int) -> Generator[LinkEmulator]:
-    """Run a link towards a port of this machine."""
+    """Run a link to a local port."""
     text, target = LinkSpec.parse(spec), f"{protocol}/127.0.0.1:{port}"
     with LinkEmulator(text, f"{protocol}/127.0.0.1:0", target) as simulator:
         yield simulator
@@ -37,7 +37,7 @@ def simulated(spec: str, protocol: str, port: int) -> Generator[LinkEmulator]:
 
 @contextlib.contextmanager
 def listening() -> Generator[socket.socket]:
-    """Listen as a target does."""
+    """Yield a listening target."""
     with socket.create_server(ANY) as server:
         server.settimeout(PATIENCE_S)
         yield server
@@ -45,21 +45,21 @@ def listening() -> Generator[socket.socket]:
 
 @contextlib.contextmanager
 def connected(spec: str) -> Generator[Ends]:
-    """Connect through a link, and hold both ends."""
+    """Connect through a link and yield both ends."""
     with listening() as server, simulated(spec, "tcp", server.getsockname()[1]) as simulator:
         address = ("127.0.0.1", port_of(simulator.endpoint))
         with socket.create_connection(address, PATIENCE_S) as client:
             target, _ = server.accept()
             with target:
                 target.settimeout(PATIENCE_S)
-                client.sendall(b"?")  # What arrives shows that the handshake is over.
+                client.sendall(b"?")  # The byte arrives after the handshake.
                 assert read_all(target, 1) == b"?"
                 yield Ends(simulator, client, target)
 
 
 @contextlib.contextmanager
 def datagram_socket() -> Generator[socket.socket]:
-    """Open a socket for datagrams on a free port."""
+    """Yield a datagram socket on a free port."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as made:
         made.bind(ANY)
         made.settimeout(PATIENCE_S)
@@ -67,7 +67,7 @@ def datagram_socket() -> Generator[socket.socket]:
 
 
 def read_all(source: socket.socket, count: int | None = None) -> bytes:
-    """Read `count` bytes, or until the end."""
+    """Read `count` bytes, or until the peer closes."""
     pieces: list[bytes] = []
     got = 0
     while count is None or got < count:
@@ -88,7 +88,7 @@ def eventually(happens: Callable[[], bool]) -> None:
 
 
 class Relay:
-    """TCP relay that closes both sides when one closes; the first connection may have to wait."""
+    """TCP relay that closes both sides when one closes; it can delay the first connection."""
 
     def __init__(
         self,
@@ -120,7 +120,7 @@ class Relay:
 
     @contextlib.contextmanager
     def cut(self) -> Generator[None]:
-        """Hang up all connections, and relay none until the end."""
+        """Close all connections, and accept none until the context ends."""
         self._cut = True
         for one in tuple(self._open):
             _hang_up(one)

@@ -1,4 +1,4 @@
-"""Runs of a logged controller in virtual time, in which all that it can be given happens."""
+"""Runs of a logged controller in virtual time with every kind of input."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ WALL_NS = 1_700_000_000_000_000_000
 
 @dataclass(slots=True)
 class LoggedRun:
-    """A run, and the times of what happened in it."""
+    """Recorded run, and the times of its events."""
 
     robot: RobotDescription
     text: str
     batches: list[InputBatch] = field(default_factory=list[InputBatch])
     moments: dict[str, float] = field(default_factory=dict[str, float])
-    """Robot time at which something happened first, by name."""
+    """Robot time of the first occurrence of each event, by name."""
 
     @property
     def calls(self) -> Iterator[Call]:
@@ -60,8 +60,9 @@ class LoggedRun:
 
 
 class LoggedHarness(ControllerHarness):
-    """Harness with a logged controller and a simulated robot with noise; batches of 20 periods,
-    each with a snapshot, as they come over the bus.
+    """Harness with a logged controller and a noisy simulated robot.
+
+    Batches have 20 periods and a snapshot each, like those on the bus.
     """
 
     def __init__(self, text: str, seed: int, start: SE2 | None = None) -> None:
@@ -70,7 +71,7 @@ class LoggedHarness(ControllerHarness):
         self.run = LoggedRun(robot, text)
         simulated = SimRobot(robot, seed, 1.0, errors=1.0)
         super().__init__(simulated, start_s=100.0, robot=robot)
-        # The parent has made one, and run a period of it: begin anew with ours.
+        # Replace the parent's controller, which has already run one period.
         self.controller = LoggedController(
             robot, lambda: secrets.token_bytes(16), pose=start, build="test"
         )
@@ -78,7 +79,7 @@ class LoggedHarness(ControllerHarness):
         self.logged: LoggedController = self.controller
 
     def tick(self, dt_s: float = 0.01) -> None:
-        """Run a period that is late now and then."""
+        """Run one period; some are late."""
         before = self.mode
         super().tick(dt_s + self.random.uniform(-2e-4, 2e-4) if dt_s else 0.0)
         if not hasattr(self, "logged"):
@@ -95,13 +96,13 @@ class LoggedHarness(ControllerHarness):
 
     def take(self) -> None:
         batch = self.logged.take_log(snapshot=True)
-        self.run.batches.append(decode_batch(encode_batch(batch)))  # As it comes over the bus.
+        self.run.batches.append(decode_batch(encode_batch(batch)))  # As received from the bus.
 
     def mark(self, what: str) -> None:
         self.run.moments.setdefault(what, self.now_s)
 
     def show(self, pose: SE2) -> None:
-        """Send what a camera sees, 60 ms late."""
+        """Send camera poses 60 ms late."""
         wall_ns = WALL_NS + round(self.now_s * 1e9)
         message = PoseStamped.planar(pose, wall_ns - 60_000_000)
         sample = Sample(topics.SENSOR_POSE.key("tsd"), encode_pose(message), b"")
@@ -109,7 +110,7 @@ class LoggedHarness(ControllerHarness):
 
 
 def eventful_run(text: str, seed: int = 1) -> LoggedRun:
-    """Return a run with commands of all kinds, losses, a stop, a hand-over, a camera and more."""
+    """Return a run with all kinds of commands, losses, a stop, a hand-over and camera poses."""
     planar = robots.parse_description(text, "test").kinematics().pose_type is SE2
     start = SE2(np.array([0.3, -0.2, 0.4])) if planar else None
     harness = LoggedHarness(text, seed, start)
@@ -137,7 +138,7 @@ def _drive(harness: LoggedHarness, alice: HarnessOperator, planar: bool) -> None
             assert isinstance(pose, SE2)
             harness.show(pose)
         harness.tick()
-    # The processor was given to others for some time.
+    # Other processes used the processor for some time.
     harness.mark("overrun")
     harness.send(alice, (0.5, 0.1, 0.3))
     harness.tick(0.047)

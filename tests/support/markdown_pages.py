@@ -13,14 +13,14 @@ def page(name: str) -> str:
 
 
 def section(text: str, heading: str) -> str:
-    """Return what stands under one heading, up to the next."""
+    """Return the text between a heading and the next one."""
     _, _, rest = text.partition(f"\n{heading}\n")
     assert rest, f"no heading '{heading}'"
     return re.split(r"\n#+ ", rest)[0]
 
 
 def tables(text: str) -> list[list[list[str]]]:
-    """Return the rows of cells of each table, without its two head rows."""
+    """Return each table as rows of cells, without its two header rows."""
     found: list[list[list[str]]] = []
     for block in re.findall(r"(?:^\|.*\|\n)+", text + "\n", re.MULTILINE):
         rows = [line.strip("|").split("|") for line in block.splitlines()[2:]]
@@ -29,7 +29,7 @@ def tables(text: str) -> list[list[list[str]]]:
 
 
 def code(text: str, language: str) -> list[str]:
-    """Return the fenced blocks of one language."""
+    """Return the fenced code blocks in a language."""
     return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 
 
@@ -39,12 +39,12 @@ def without_code(text: str) -> str:
 
 
 def quoted(cell: str) -> list[str]:
-    """Return what stands in backticks."""
+    """Return the texts in backticks."""
     return re.findall(r"`([^`]+)`", cell)
 
 
 def anchors(text: str) -> set[str]:
-    """Return the anchors that GitHub gives to headings."""
+    """Return the anchors that GitHub generates for headings."""
     headings = re.findall(r"^#+ (.*)$", without_code(text), re.MULTILINE)
     return {
         re.sub(r"[^\w\- ]", "", heading).strip().lower().replace(" ", "-") for heading in headings

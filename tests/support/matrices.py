@@ -1,4 +1,4 @@
-"""Lie groups as matrices, from their definitions alone."""
+"""Lie groups as matrices, computed from their definitions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from tsd_twin.lie import SE2, SO3, Array
 
 
 def expm1(matrix: Array) -> Array:
-    """Matrix exponential minus identity by scaling, Taylor series and squaring."""
+    """Return exp(matrix) − 1 by scaling, Taylor series and squaring."""
     small = matrix / 2.0**10
     term, total = small, small.copy()
     for n in range(2, 12):
@@ -34,7 +34,7 @@ def se2_matrix(pose: SE2) -> Array:
 
 
 def so3_matrix(rotation: SO3) -> Array:
-    """From a unit quaternion, by the textbook's nine entries."""
+    """Return the rotation matrix (3, 3) of a unit quaternion, entry by entry."""
     w, x, y, z = rotation.wxyz
     return np.array(
         [

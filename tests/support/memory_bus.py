@@ -1,4 +1,4 @@
-"""Bus in memory with the interface of `tsd_twin.bus.Bus`: one network, in virtual time."""
+"""In-memory bus with the interface of `tsd_twin.bus.Bus`, in virtual time."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def _match(one: str, other: str) -> bool:
 
 @dataclass
 class Network:
-    """Declarations of all sessions, and samples that a link holds back."""
+    """Declarations of all sessions, and samples held back by links."""
 
     clock: VirtualClock
     takers: list[tuple[str, Callable[[Sample], None]]] = field(default_factory=list)
@@ -34,14 +34,14 @@ class Network:
     servers: list[tuple[str, Queue]] = field(default_factory=list)
     tokens: dict[int, str] = field(default_factory=dict)
     is_held: Callable[[str], bool] = lambda _key: False
-    """Whether the link holds samples of a key back."""
+    """Return whether the link holds back samples of a key."""
     held: list[Sample] = field(default_factory=list)
     numbers: Any = field(default_factory=itertools.count)
     certificate: Path | None = None
-    """Certificate of sessions opened from now on."""
+    """Certificate of new sessions."""
 
     def put(self, sample: Sample) -> None:
-        """Pass a sample on, or hold it back."""
+        """Deliver a sample or hold it back."""
         if self.is_held(sample.key):
             self.held.append(sample)
             return
@@ -50,7 +50,7 @@ class Network:
                 take(sample)
 
     def release(self) -> None:
-        """Deliver what was held back."""
+        """Deliver the samples that were held back."""
         held, self.held, self.is_held = self.held, [], lambda _key: False
         for sample in held:
             self.put(sample)
@@ -67,7 +67,7 @@ class Network:
 
 
 class Queue:
-    """Bounded queue of samples or requests, as subscriber and queryable."""
+    """Bounded queue of samples or requests, with the methods of a subscriber and a queryable."""
 
     def __init__(self, depth: int, close: Callable[[Queue], None]) -> None:
         self._items: deque[Any] = deque(maxlen=depth)
@@ -78,7 +78,7 @@ class Queue:
         self._items.append(item)
 
     def take_samples(self) -> list[Any]:
-        """Items since the last call."""
+        """Return the items since the last call."""
         items = list(self._items)
         self._items.clear()
         return items
@@ -86,7 +86,7 @@ class Queue:
     take_requests = take_samples
 
     def newest(self) -> Any:
-        """Newest item since the last call."""
+        """Return the latest item since the last call."""
         items = self.take_samples()
         return items[-1] if items else None
 
@@ -110,7 +110,7 @@ class Request:
         self.answer = payload if self.answer is None else self.answer
 
     def drop(self) -> None:
-        """End it without a reply."""
+        """End the request without a reply."""
         self.dropped = True
 
 
@@ -126,7 +126,7 @@ class _Publisher:
         return any(_match(key, self._key) for key, _ in self._network.takers)
 
     def close(self) -> None:
-        """Nothing is kept."""
+        """Close nothing, because nothing is stored."""
 
 
 class _Token:
@@ -139,7 +139,7 @@ class _Token:
 
 
 class MemoryBus:
-    """One session on a network in memory."""
+    """Session on an in-memory network."""
 
     def __init__(self, network: Network) -> None:
         self._network = network
@@ -155,7 +155,7 @@ class MemoryBus:
         self.close()
 
     def close(self) -> None:
-        """End its tokens and subscriptions."""
+        """Withdraw all tokens and subscriptions."""
         for token in self._tokens:
             token.close()
         taken = self._takers
@@ -194,7 +194,7 @@ class MemoryBus:
         return answers[0]
 
     def _ask(self, key: str, payload: bytes, timeout_s: float, attachment: bytes) -> list[bytes]:
-        """Ask all servers of a key and wait for the first answer, while time passes for all."""
+        """Query all servers of a key and wait in virtual time for the first reply."""
         asked = [Request(payload, attachment) for at, _ in self._network.servers if at == key]
         servers = [queue for at, queue in self._network.servers if at == key]
         for request, queue in zip(asked, servers, strict=True):

@@ -35,15 +35,14 @@ from tsd_twin.simulation import SimRobot
 
 PATIENCE_S = 60.0
 DRIVE_S = 0.02
-BEATS = 5  # A beat for so many times DRIVE_S.
+BEATS = 5  # Heartbeat period in multiples of DRIVE_S.
 T = TypeVar("T")
 
 
 class _Socket(socket.socket):
-    """Socket that drops messages to a server that has closed it, like a browser's.
+    """Socket that drops messages after the server has closed, like a browser.
 
-    The client would take an error for the end, though what the server said last is still to be
-    read: why it has closed.
+    With an error the client would end before it has read the server's close reason.
     """
 
     @classmethod
@@ -71,7 +70,7 @@ class Page:
         through: TlsConnection | None = None,
         recording: str = "",
     ) -> None:
-        """`recording` is shown, if any; `through` is a connection that is open already."""
+        """Show `recording` if given; `through` is an open connection."""
         self.name = page
         self.operator = f"{user}-{page[:8]}"
         self.holds: dict[str, Any] | None = None
@@ -129,7 +128,7 @@ class Page:
         def holds() -> T | None:
             try:
                 return condition()
-            except (IndexError, KeyError):  # It has not come yet.
+            except (IndexError, KeyError):  # Not received yet.
                 return None
 
         with self._changed:
@@ -150,9 +149,9 @@ class Page:
         return self.answer("lease", t="lease", **wish)
 
     def make_ready(self, max_age_s: float | None = None) -> None:
-        """Take control and arm, from whatever state the robot is in."""
+        """Take control and arm, from any state of the robot."""
         self.until(lambda: self.state)
-        # Control may be kept for one who has just left, for a moment.
+        # Control may be reserved briefly for a page that has just closed.
         self.until(lambda: self.take(take_over=True, max_age_s=max_age_s)["ok"])
         self.until(lambda: self.state["has_control"])
         if self.mode in ("stopped", "fault"):
@@ -165,13 +164,13 @@ class Page:
         assert self.mode == "ready", self.state["status"].get("stop")
 
     def drive(self, vx: float = 0.2, vy: float = 0.0, omega: float = 0.0) -> None:
-        """Hold the stick, and wait until the robot obeys."""
+        """Hold the stick and wait until the robot moves."""
         self.holds = {"vx": vx, "vy": vy, "omega": omega}
         self.until(lambda: self.mode in ("driving", "stopped", "fault"))
         assert self.mode == "driving", self.state["status"].get("stop")
 
     def let_go(self) -> None:
-        """Release the stick: no drive command follows."""
+        """Release the stick, and send no more drive commands."""
         with self._sending:
             self.holds = None
             self.send(t="release")
@@ -254,7 +253,7 @@ class Site:
         return asyncio.run_coroutine_threadsafe(work, self._loop).result(PATIENCE_S)
 
     def choose(self, page: str, *robot_ids: str) -> None:
-        """Choose robots in the panel of a page, one right after the other."""
+        """Select robots in a page, without pauses."""
 
         def choose() -> None:
             for robot_id in robot_ids:
@@ -263,7 +262,7 @@ class Site:
         self._loop.call_soon_threadsafe(choose)
 
     def repeat_status(self) -> None:
-        """Handle the latest status of each robot again, as a loop that is late does."""
+        """Handle the latest status of each robot again, like a late loop."""
         for robot_id in self.discovery.links:
             self._loop.call_soon_threadsafe(self.sessions.on_status, robot_id)
 
@@ -304,7 +303,7 @@ class Site:
 
 @contextmanager
 def robot_on_a_bus(robot_id: str = "tsd") -> Generator[str]:
-    """A simulated robot that arms without waiting; yields the endpoint of its bus."""
+    """Run a simulated robot that arms at once; yield its endpoint."""
     text = PATIENT.replace("arming_hold_s = 0.1", "arming_hold_s = 0.0", 1)
     robot = robots.parse_description(text, "tsd")
     stop = threading.Event()
@@ -333,7 +332,7 @@ def site(
     page_scene: SceneExecutor | None = None,
     recordings: Path | None = None,
 ) -> Generator[Site]:
-    """A robot and a gateway; without a viser unless a port is given, and without a scene."""
+    """Run a robot and a gateway without a scene, and without viser unless a port is given."""
     with robot_on_a_bus() as endpoint, Bus(client_config([endpoint])) as bus:
         made = Site(bus, viser_port, auth, page_scene, recordings)
         try:
@@ -343,7 +342,10 @@ def site(
 
 
 class TlsConnection:
-    """Open websocket over TLS, with the methods that a `Page` uses; from `tls_connection`."""
+    """Open WebSocket over TLS for blocking code, with the methods that a `Page` uses.
+
+    `tls_connection` creates it. The asyncio client runs on another thread.
+    """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, url: str, options: dict[str, Any]) -> None:
         self._loop = loop
@@ -378,10 +380,10 @@ async def _opened(url: str, options: dict[str, Any]) -> asyncio_client.ClientCon
 
 @contextmanager
 def tls_connection(url: str, **options: Any) -> Generator[TlsConnection]:
-    """Yield an open websocket; `options` are those of the asyncio client of `websockets`.
+    """Yield an open WebSocket; `options` are arguments of the asyncio client of `websockets`.
 
-    Its synchronous client reads and writes one TLS connection on two threads: on a busy machine one
-    in two hundred handshakes with any server never ends.
+    The synchronous client reads and writes a TLS connection on two threads. On a busy machine,
+    one of 200 handshakes with any server never ends.
     """
     loop = asyncio.new_event_loop()
     thread = threading.Thread(target=loop.run_forever)

@@ -1,7 +1,7 @@
-"""The page of the dashboard in a browser, with the test as its server and without a scene.
+"""Dashboard page in a browser, with the test as its server and without a scene.
 
-The files are served from the source tree and the socket is answered in the page, so a state of the
-robot, or any other message, is shown at once.
+Files come from the source tree, and a script in the page replaces the socket. The page shows robot
+states and other messages of a test at once.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ window.show = (state) => {
 };
 setInterval(() => window.now !== null && window.show(window.now), 50);
 """
-"""The last state is repeated at 20 Hz, as by a robot."""
+"""Repeats the last state at 20 Hz, like a robot."""
 
 _LIMITS = {
     "speed_mps": 1.0,
@@ -108,7 +108,7 @@ COLOURS = ("#1f9ce6", "#ed0965", "#058467")
 
 
 def robot(robot_id: str) -> dict[str, Any]:
-    """Return the description of a robot, as the server sends it."""
+    """Return the server's description message of a robot."""
     return {
         "t": "robot",
         "id": robot_id,
@@ -137,7 +137,7 @@ def robot(robot_id: str) -> dict[str, Any]:
 
 
 def state(mode: str = "disarmed", *, you: bool = False, **changed: Any) -> dict[str, Any]:
-    """Return a state; `lease`, `status` and other fields replace those of a robot at rest."""
+    """Return the state of a robot at rest with changed `lease`, `status` and other fields."""
     status = copy.deepcopy(_STATUS) | {"mode": mode} | changed.pop("status", {})
     status["lease"] |= {"holder": OPERATOR if you else None} | changed.pop("lease", {})
     return {
@@ -169,13 +169,13 @@ def state(mode: str = "disarmed", *, you: bool = False, **changed: Any) -> dict[
 
 
 def route(phase: str, number: int = 1, **changed: Any) -> dict[str, Any]:
-    """Return the state of a path."""
+    """Return a path state."""
     path = {"number": number, "phase": phase, "length_m": 1.5, "time_s": 4.2}
     return path | {"done_m": 0.4, "off_mm": 3.0, "why": None} | changed
 
 
 class PageStage:
-    """One page, and its server."""
+    """Page and its server."""
 
     def __init__(self, page: Page) -> None:
         self.page = page
@@ -185,21 +185,21 @@ class PageStage:
         self.page.evaluate("say", message)
 
     def show(self, shown: Mapping[str, Any] | None) -> None:
-        """Send a state, repeated at 20 Hz; None ends that."""
+        """Send a state at 20 Hz, or none if None."""
         self.page.evaluate("show", shown)
 
     def sent(self, *types: str) -> list[dict[str, Any]]:
-        """Return the messages of these types from the page, and discard all others."""
+        """Return messages of these types from the page and discard all others."""
         return [m for m in self.page.evaluate("sent.splice(0)") if m["t"] in types]
 
     def resize(self, width: int, height: int) -> None:
-        """Wait until the page has the size."""
+        """Resize the page and wait for the result."""
         self.page.set_viewport_size({"width": width, "height": height})
         self.page.wait_for_function(f"innerWidth === {width} && innerHeight === {height}")
         self.page.wait_for_timeout(_LAID_OUT_MS)
 
     def choose(self, robot_id: str, *robot_ids: str) -> None:
-        """Show the first of these robots, and list all of them."""
+        """List robots and show the first one."""
         names = [
             {"id": each, "title": each.title(), "colour": colour}
             for each, colour in zip((robot_id, *robot_ids), COLOURS, strict=False)
@@ -209,7 +209,7 @@ class PageStage:
 
 
 def welcome(names: list[dict[str, str]]) -> dict[str, Any]:
-    """Return the first message of the server."""
+    """Return the server's first message."""
     return {
         "t": "welcome",
         "operator": OPERATOR,
@@ -222,7 +222,7 @@ def welcome(names: list[dict[str, str]]) -> dict[str, Any]:
 
 
 class _Handler(SimpleHTTPRequestHandler):
-    """Serves files, which a browser may keep, and logs nothing."""
+    """Request handler with browser caching and without a log."""
 
     def end_headers(self) -> None:
         """Let the browser cache scripts and styles, which take longest to load."""
@@ -231,11 +231,11 @@ class _Handler(SimpleHTTPRequestHandler):
         super().end_headers()
 
     def log_message(self, *_: object) -> None:
-        """Say nothing."""
+        """Log nothing."""
 
 
 class _Server:
-    """Server of the page and the files of the source tree, for all stages of a browser."""
+    """Server of the page and its source files, for all stages of a browser."""
 
     def __init__(self) -> None:
         self._folder = tempfile.TemporaryDirectory()
@@ -255,13 +255,13 @@ class _Server:
         self._thread.start()
 
     def have_recordings(self, *, wanted: bool) -> None:
-        """Serve a list of recordings, or none."""
+        """Serve a list of recordings, or an empty one."""
         self._recordings.unlink(missing_ok=True)
         if wanted:
             self._recordings.write_text("[]", "utf-8")
 
     def close(self) -> None:
-        """End, and remove the files."""
+        """Stop the server and remove its files."""
         self._files.shutdown()
         self._thread.join()
         self._files.server_close()
@@ -272,7 +272,7 @@ _servers: dict[Browser, _Server] = {}
 
 
 def _server_of(browser: Browser) -> _Server:
-    """Return the server of a browser, which ends with it."""
+    """Return the server of a browser; it ends with the browser."""
     if browser not in _servers:
         _servers[browser] = _Server()
         browser.once("disconnected", lambda _: _servers.pop(browser).close())
@@ -283,7 +283,7 @@ _pages: dict[tuple[Browser, bool], Page] = {}
 
 
 def _page_of(browser: Browser, *, touch: bool) -> Page:
-    """Return the page that all stages of a browser use, one after another: a new one costs more."""
+    """Return the page that all stages of a browser share, because new pages are slower."""
     key = (browser, touch)
     if key not in _pages:
 
@@ -304,9 +304,9 @@ def page_stage(
     touch: bool = False,
     size: tuple[int, int] = (1280, 720),
 ) -> Generator[PageStage]:
-    """Open the page with one robot, tsd, and a list of recordings only when asked for.
+    """Open the page with the robot `tsd`, and with recordings if requested.
 
-    With `touch` the pointer is a finger. The page remembers nothing of the last stage.
+    With `touch` the pointer is a finger. No state of the last stage remains.
     """
     page, server = _page_of(browser, touch=touch), _server_of(browser)
     failures: list[str] = []

@@ -1,8 +1,8 @@
-"""A page without a browser, as a separate process: `python -m tests.support.pretend_page URL`.
+"""Page without a browser, in a separate process: `python -m tests.support.pretend_page URL`.
 
 Implements `docs/teleop.md`. Reads actions as lines on standard input: `ready [MAX_AGE_S]`,
-`push VX`, `insist VX` (like a person who, after a forced release, takes control and pushes again),
-`release`, `freeze` (stops sending without notice), `close`. Writes observations as lines of JSON.
+`push VX`, `insist VX` (after a forced release, take control and push again), `release`, `freeze`
+(send nothing more), `close`. Writes observations as lines of JSON.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Hand:
 
 
 class Page:
-    """One teleop socket and its user."""
+    """Teleop socket and its user."""
 
     def __init__(self, socket: ClientConnection) -> None:
         self._socket = socket
@@ -134,7 +134,7 @@ class Page:
 
 
 class PretendPage:
-    """Process of a page client without a browser."""
+    """Handle of the page process."""
 
     def __init__(self, url: str) -> None:
         self.process = subprocess.Popen(
@@ -156,7 +156,7 @@ class PretendPage:
                 self._news.notify_all()
 
     def do(self, *words: object) -> float:
-        """Send an input to the page, and return when it was applied."""
+        """Send an input to the page; return the time at which it was applied."""
         assert self.process.stdin is not None
         before = len(self.notices)
         self.process.stdin.write(" ".join(map(str, words)) + "\n")
@@ -164,7 +164,7 @@ class PretendPage:
         return float(self.until("done", before)["at_s"])
 
     def until(self, what: str, since: int = 0) -> dict[str, Any]:
-        """Wait for an event of the page, and return it."""
+        """Wait for an event of the page and return it."""
 
         def found() -> dict[str, Any] | None:
             return next((n for n in self.notices[since:] if n["what"] == what), None)
@@ -185,11 +185,11 @@ class PretendPage:
         self.until("ready", before)
 
     def send_signal(self, number: int) -> float:
-        """Send a signal to the process, and return the time just before."""
+        """Send a signal to the process; return the time just before."""
         return send_signal(self.process.pid, number)
 
     def clean_up(self) -> None:
-        """Leave nothing behind."""
+        """End the process and close its pipes."""
         if self.process.poll() is None:
             self.process.kill()
         self.process.wait(PATIENCE_S)
@@ -201,7 +201,7 @@ class PretendPage:
 
 
 def send_signal(pid: int, number: int) -> float:
-    """Send a signal, and return the time just before."""
+    """Send a signal; return the time just before."""
     at_s = time.monotonic()
     os.kill(pid, number)
     return at_s

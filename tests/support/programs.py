@@ -158,7 +158,7 @@ def stat_of(pid: int) -> list[str] | None:
 
 @contextmanager
 def mock_robot(*, shipped: bool = False) -> Generator[Program]:
-    """A mock that scripts drive, one after the other; only the shipped robot stops at delays."""
+    """Run `tsd-mock` for scripts; unless `shipped`, delays do not stop the robot."""
     flags = [] if shipped else patient_robot()
     mock = Program(["tsd_mock", "--listen", "tcp/127.0.0.1:0", *flags])
     try:
@@ -224,7 +224,7 @@ class TracedBoard(BoardModel):
 
 
 def follow_trace(file: Path, ended: threading.Event) -> Iterator[tuple[float, ...]]:
-    """Yield the lines of a trace as they are written, until an event."""
+    """Yield new lines of a trace until an event is set."""
     with file.open(encoding="ascii") as lines:
         text = ""
         while not ended.is_set():

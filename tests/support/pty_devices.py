@@ -1,4 +1,8 @@
-"""Devices at the other end of a real pty that behave in ways that no correct firmware does."""
+"""Simulated boards and servos behind a pty, with faults that correct firmware does not have.
+
+`python -m tests.support.pty_devices PORT` serves six MX-64 servos with sync read and bus watchdog,
+as on a U2D2. Faults are lines on standard input: `dead N`, `hot N`, `limp N`, `unplug`, `mend`.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +43,7 @@ from tsd_twin.simulation import Servos
 
 
 class Peer:
-    """Pty whose other end answers by a function; `port` stays the same when replugged."""
+    """Pty with a function as its peer; `port` stays the same when replugged."""
 
     def __init__(self, port: Path, answer: Callable[[bytes, float], bytes]) -> None:
         self.port = str(port)
@@ -49,7 +53,7 @@ class Peer:
         self.plug_in()
 
     def plug_in(self) -> None:
-        """Appear, under the same name as before, unless plugged in."""
+        """Connect under the same name, unless connected."""
         if self._thread is not None:
             return
         master, slave = pty.openpty()
@@ -62,7 +66,7 @@ class Peer:
         self._thread.start()
 
     def unplug(self) -> None:
-        """Vanish."""
+        """Disconnect."""
         if self._thread is not None:
             self._stopping.set()
             self._thread.join()
@@ -80,7 +84,7 @@ class Peer:
 
 
 class PretendBoard:
-    """A control table without any rule: what is written stays, and tests set what is read."""
+    """Control table without rules: writes are stored, and tests set the values to read."""
 
     def __init__(self) -> None:
         self.identity = BoardIdentity()
@@ -107,16 +111,16 @@ class PretendBoard:
         self.obeys_arm = True
         self.silent = False
         self.late = 0
-        """Answers that are kept back before any goes out."""
+        """Number of responses that are held back."""
         self.asked = 0
         self.stray = b""
-        """Bytes that come with every answer, and are none."""
+        """Stray bytes after each response."""
         self.spoils = 0
-        """Answers to come in which a bit is wrong."""
+        """Number of further responses with a wrong bit."""
         self._decoder = Decoder(protocol2)
         self._kept: list[bytes] = []
         self.error = 0
-        """Answer to a set-up."""
+        """Error code in the response to a setup."""
         self.commands: list[BoardCommand] = []
         self.setups: list[Setup] = []
 
@@ -177,7 +181,7 @@ class PretendBoard:
 
 @contextlib.contextmanager
 def plugged(folder: Path, board: PretendBoard) -> Generator[Peer]:
-    """Have a pretended board at a pty."""
+    """Yield a pretended board at a pty."""
     peer = Peer(folder / "board", board.answer)
     try:
         yield peer
@@ -193,7 +197,7 @@ COOL_C, HOT_C = 35, 90
 
 
 class ServoChain:
-    """Simulated servos in real time: move towards the goals, and stop without requests."""
+    """Six simulated MX-64 at a U2D2; they stop when requests stop."""
 
     def __init__(
         self,
@@ -202,23 +206,23 @@ class ServoChain:
         *,
         steps: int = 0,
     ) -> None:
-        """`steps`: offset of all servos from 2048."""
+        """`steps` is the offset of all servos from 2048."""
         self.servos = [Mx64(*servo) for servo in zip(ids, protocols, strict=True)]
         self.bus = ServoBusSimulation(self.servos)
         self.waits = False
-        """Whether a servo answers a sync read only after the one before it in the request."""
+        """Whether a servo responds to a sync read only after its predecessor in the request."""
         self.refused = 0
-        """Goals that a tripped watchdog kept away."""
+        """Number of goals rejected by a tripped watchdog."""
         self._decoders = (Decoder(protocol2), Decoder(protocol1))
         self._angles = np.full(6, steps * _LAWS.step_rad)
         self._heard_s = self._moved_s = 0.0
 
     def register(self, servo: int, address: int) -> int:
-        """Return one byte of the table of a servo, counted from 0."""
+        """Return one byte of a servo's control table; servos count from 0."""
         return self.servos[servo].read(address, 1)[0]
 
     def tripped(self) -> bool:
-        """Return whether every watchdog has run out."""
+        """Return whether every watchdog has expired."""
         return all(self.register(i, servo_line.BUS_WATCHDOG) == TRIPPED for i in range(6))
 
     def goals(self) -> list[int]:
@@ -255,12 +259,12 @@ class ServoChain:
         return answer[0] if answer else b""
 
     def mend(self) -> None:
-        """Take all injected faults away."""
+        """Remove all injected faults."""
         for servo in self.servos:
             servo.dead, servo.temperature_c = False, COOL_C
 
     def live(self, now_s: float) -> None:
-        """Let time pass until now: servos move until their watchdogs run out."""
+        """Advance to `now_s`; servos move until their watchdogs expire."""
         units = self.register(0, servo_line.BUS_WATCHDOG)
         until_s = now_s
         if 0 < units < TRIPPED and now_s - self._heard_s > units * servo_line.BUS_WATCHDOG_S:

@@ -1,4 +1,4 @@
-"""Recordings of robots that are driven in virtual time, written as `tsd-record` writes them."""
+"""Recordings of drives in virtual time, in the format of `tsd-record`, and their replays."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from tsd_twin.simulation import SimRobot
 
 START_NS = 1_700_000_000_000_000_000
 ROBOT_START_S = 100.0
-"""Robot's clock at the start."""
+"""Robot time at the start."""
 _FLUSH_EVERY = 40
 _EXACT = np.zeros((3, 3))
 
 
 class RecordedDrive(ControllerHarness):
-    """A simulated robot with noise in virtual time, which is recorded."""
+    """Recorded drive of a noisy simulated robot in virtual time."""
 
     def __init__(
         self,
@@ -57,7 +57,7 @@ class RecordedDrive(ControllerHarness):
         return START_NS + round((self.now_s - ROBOT_START_S) * 1e9)
 
     def tick(self, dt_s: float = PERIOD_S) -> None:
-        """Run one period, and record what the node would send."""
+        """Run one period and record the node's messages."""
         super().tick(dt_s)
         controller = self.controller
         for event in controller.take_events():
@@ -73,7 +73,7 @@ class RecordedDrive(ControllerHarness):
             self.file.flush()
 
     def circle(self, seconds: int) -> None:
-        """Take control, arm, and drive in changing curves for some time."""
+        """Take control, arm, and drive in varying curves for some time."""
         pilot = self.get_ready()
         for second in range(seconds):
             speed = 0.35 if second % 10 < 8 else -0.2
@@ -104,7 +104,7 @@ class RecordedDrive(ControllerHarness):
 
 
 def recorded_circle(path: Path, seconds: int, name: str = "tsd") -> Path:
-    """Write a recording of one robot that drives in curves."""
+    """Write a recording of a robot that drives in curves."""
     file = RecordingFile(path)
     RecordedDrive(file, name).circle(seconds)
     file.close()
@@ -112,7 +112,7 @@ def recorded_circle(path: Path, seconds: int, name: str = "tsd") -> Path:
 
 
 def stopped_drive(path: Path) -> Path:
-    """Write a recording of `tsd` that drives for a second and is stopped."""
+    """Write a recording of `tsd`: one second of driving, then a stop."""
     file = RecordingFile(path)
     drive = RecordedDrive(file)
     drive.circle(1)
@@ -124,7 +124,7 @@ def stopped_drive(path: Path) -> Path:
 
 @contextmanager
 def replaying(bus: Bus, path: Path, replay_id: str) -> Generator[None]:
-    """Replay the recording of `tsd` again and again on a bus, under an id."""
+    """Replay a recording of `tsd` in a loop on a bus."""
     stop = threading.Event()
     with closing(Replay(bus, open_recording(path), "tsd", replay_id)) as replay:
         thread = threading.Thread(target=play, args=(replay, stop, 1.0), kwargs={"loop": True})

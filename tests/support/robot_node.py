@@ -1,4 +1,4 @@
-"""Robot node on a real bus in a separate thread, as mock and bridge run it."""
+"""Robot node on a real bus in a separate thread, like in mock and bridge."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ PATIENCE_S = 60.0
 ANY_PORT = "tcp/127.0.0.1:0"
 URDF = '<robot name="tsd"/>'
 QUICK = robots.read_description("tsd").replace("[motor]", "[motor]\narming_hold_s = 0.1", 1)
-"""The shipped robot with speed controllers that arm at once."""
+"""Shipped robot with speed controllers that arm at once."""
 PATIENT = (
     QUICK.replace("[limits]", "[limits]\ncommand_timeout_s = 1.0", 1)
     .replace("max_command_age_s = 0.21", "max_command_age_s = 1.0")
     .replace("stop_allowance_m = 0.35", "stop_allowance_m = 2.0")
 )
-"""One that accepts commands up to 1 s old at full speed, so that delays do not stop it."""
+"""`QUICK` with commands up to 1 s old at full speed, so that delays do not stop it."""
 
 
 @functools.cache
 def _patient_file() -> Any:
-    """Return a file that exists until this process ends, unlike one of a `with` statement."""
+    """Return a file that exists until this process ends."""
     file = tempfile.NamedTemporaryFile("w", suffix=".toml", encoding="utf-8")  # noqa: SIM115
     file.write(PATIENT)
     file.flush()
@@ -60,10 +60,10 @@ class RunningNode:
     io: RobotIO
     stopping: threading.Event = field(default_factory=threading.Event)
     failure: BaseException | None = None
-    """Error that ended it, if any."""
+    """Error that ended the node, or None."""
 
     def client(self) -> Bus:
-        """Return a session that is linked to it."""
+        """Return a session connected to the node."""
         bus = Bus(client_config([self.endpoint]))
         assert bus.wait_for_peer(PATIENCE_S)
         return bus
@@ -73,7 +73,7 @@ class RunningNode:
 def running(
     robot_id: str = "tsd", toml: str = PATIENT, io: RobotIO | None = None
 ) -> Generator[RunningNode]:
-    """Run a node, with a simulated robot unless another is given, and end it afterwards.
+    """Run a node, by default with a simulated robot, until the context ends.
 
     Tests of the shipped command timeout use `QUICK`.
     """
@@ -88,7 +88,7 @@ def running(
             this_thread_is_a_robot()
             try:
                 node.run(it.stopping)
-            except OSError as error:  # A device that fails; all else is a bug and shows itself.
+            except OSError as error:  # A failed device; other errors are bugs and propagate.
                 it.failure = error
 
         thread = threading.Thread(target=run, name=robot_id)
@@ -104,7 +104,7 @@ def running(
 
 
 class Mailbox:
-    """Queue of callback arguments, to wait for."""
+    """Queue of callback arguments with a blocking read."""
 
     def __init__(self) -> None:
         self._queue: queue.SimpleQueue[Any] = queue.SimpleQueue()
@@ -119,7 +119,7 @@ class Mailbox:
 def matched(publisher: Publisher) -> Publisher:
     """Wait until the publisher has a matching subscriber."""
     inner = getattr(publisher, "_publisher", None)
-    if inner is None:  # One on a bus in memory, which needs no time.
+    if inner is None:  # An in-memory bus matches at once.
         return publisher
     heard = threading.Event()
     listener = inner.declare_matching_listener(

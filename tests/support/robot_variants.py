@@ -1,4 +1,4 @@
-"""A singularity drive whose modules are at positions of a test, in the description of `tsd`."""
+"""Descriptions derived from shipped robots: module positions, and Dynamixel X servos as wheels."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from tsd_twin.robots import SingularityDescription
 
 CIRCLE = "azimuths_deg = [90.0, 210.0, 330.0]\npivot_radius_m = 0.15\n"
 ODD = ((0.25, 0.15), (-0.2, 0.1), (0.02, -0.22))
-"""A layout without any symmetry."""
+"""Layout without symmetry."""
 
 
 def text(positions: Sequence[tuple[float, float]] = ODD, name: str = "odd") -> str:
-    """TOML text with one `[[drive.modules]]` for each position; as many motors as there are."""
+    """Return the TOML of `tsd` with one module and motor for each position (x, y), metres."""
     shipped = robots.read_description("tsd")
     assert CIRCLE in shipped
     tables = "".join(f"[[drive.modules]]\nx_m = {x!r}\ny_m = {y!r}\n\n" for x, y in positions)
@@ -30,7 +30,7 @@ def text(positions: Sequence[tuple[float, float]] = ODD, name: str = "odd") -> s
 
 
 def placed(positions: Sequence[tuple[float, float]] = ODD) -> SingularityDescription:
-    """Robot with modules at these positions, metres."""
+    """Return `tsd` with modules at these positions (x, y), metres."""
     robot = robots.parse_description(text(positions), "odd.toml")
     return robots.description_of_kind(robot, SingularityDescription)
 
@@ -40,7 +40,7 @@ _EXAMPLE = Path(__file__).parents[2] / "examples" / "kiwi_xl430.toml"
 
 @dataclass(frozen=True)
 class WheelRobot:
-    """Description, and the servos that fit it."""
+    """Description of an omni robot, and its wheel servos."""
 
     text: str
     wheels: int
@@ -50,7 +50,7 @@ class WheelRobot:
 
 
 def _on_xc430(name: str) -> str:
-    """Return a shipped robot with XC430-W150 in place of its motors."""
+    """Return the TOML of a shipped robot with XC430-W150 as its motors."""
     motor = (
         "[motor]\npower_w = 4.5\ngear_ratio = 200.0\nno_load_speed_rpm = 18000.0\n"
         "rotor_inertia_kg_m2 = 2e-8\ntime_constant_s = 0.05\n\n"

@@ -1,4 +1,4 @@
-"""ROS nodes that are not ours (`zenoh-ros2-sdk`), and a router as rmw_zenohd, for tests."""
+"""Third-party ROS nodes and robot (`zenoh-ros2-sdk`), and a router like rmw_zenohd."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ PATIENCE_S = 60.0
 
 @functools.cache
 def definitions(type_name: str) -> tuple[str, dict[str, str]]:
-    """Definition of a type as text, and those of the types in it."""
+    """Definitions of a type and its member types, as text."""
     whole = STORE.generate_msgdef(type_name, ros_version=2)[0]
     own, *others = re.split(r"={80}\nMSG: (\S+)\n", whole)
     names = [name.replace("/", "/msg/") if "/msg/" not in name else name for name in others[::2]]
@@ -41,13 +41,13 @@ def definitions(type_name: str) -> tuple[str, dict[str, str]]:
 
 
 def foreign_hash(type_name: str) -> str:
-    """Hash of a type as the other implementation computes it."""
+    """Hash of a type, computed by the third-party implementation."""
     return compute_type_hash_from_msg(type_name, *definitions(type_name))
 
 
 @contextmanager
 def ros_router() -> Generator[tuple[zenoh.Session, int]]:
-    """A router as rmw_zenohd, and its port."""
+    """Run a router like rmw_zenohd; yield its port."""
     config = zenoh.Config()
     for key, value in {
         "mode": "router",
@@ -76,7 +76,7 @@ def header(frame: str = "") -> Any:
 
 
 class ForeignNode:
-    """Publishers and subscribers of the other implementation, with the newest messages."""
+    """Third-party publishers and subscribers, with the latest messages."""
 
     def __init__(self, router: zenoh.Session, port: int, domain: int = 0) -> None:
         self.router = router
@@ -93,7 +93,7 @@ class ForeignNode:
             part.close()
 
     def leave(self) -> None:
-        """Close the session, which all nodes of a process share."""
+        """Close the session that all nodes of a process share."""
         self.close()
         ZenohSession.get_instance("127.0.0.1", self._port).close()
 
@@ -144,7 +144,7 @@ class ForeignNode:
         self.until(lambda: all(self.counted[each] for each in topics), f"{topics}: {self.counted}")
 
     def tokens(self) -> list[str]:
-        """All tokens of the graph, as a node asks for them."""
+        """Return all liveliness tokens of the graph, queried like a node."""
         found: list[str] = []
         complete = threading.Event()
         handler = zenoh.handlers.Callback(
@@ -155,12 +155,12 @@ class ForeignNode:
         return found
 
     def call(self, service: str) -> tuple[bool, str]:
-        """Call a service, as the client of rmw_zenoh does, once the adapter offers it."""
+        """Wait for a service, and call it like a client of rmw_zenoh."""
         (answer,) = self.call_all(service)
         return answer
 
     def call_all(self, service: str) -> list[tuple[bool, str]]:
-        """Call a service that several adapters may offer; return all their answers."""
+        """Call a service of several adapters; return all responses."""
         end_s = time.monotonic() + PATIENCE_S
         while not (found := self._ask(service)):
             assert time.monotonic() < end_s, f"no {service}: {self.said}"
@@ -274,12 +274,12 @@ URDF = """<?xml version="1.0"?>
 
 
 class Listener(ForeignNode):
-    """Node of others that notes each `cmd_vel`."""
+    """Third-party node that records each `cmd_vel`."""
 
     def __init__(self, router: zenoh.Session, port: int) -> None:
         super().__init__(router, port)
         self.heard: list[tuple[float, float, float, float]] = []
-        """Times, and twists."""
+        """Times and twists."""
 
     def _take(self, topic: str, message: Any) -> None:
         super()._take(topic, message)
@@ -288,19 +288,19 @@ class Listener(ForeignNode):
 
 
 class ForeignRobot:
-    """Robot of others: follows `cmd_vel`, with a timeout of its own, and publishes odometry."""
+    """Third-party robot: follows `cmd_vel` with a timeout, and publishes odometry."""
 
     def __init__(self, router: zenoh.Session, port: int) -> None:
         self.node = Listener(router, port)
         self.pose = list(START)
         self.wheel_rad = 0.0
         self.silent = False
-        """Whether it publishes no odometry."""
+        """Whether odometry is paused."""
         self.heard = self.node.heard
         self.node.subscribe("/cmd_vel", TWIST)
         self._odom = self.node.publisher("/odom", ODOMETRY)
         self._joints = self.node.publisher("/joint_states", JOINTS)
-        # As rmw_zenoh publishes what is transient local; the other implementation does not.
+        # Transient local as in rmw_zenoh, which the third-party implementation lacks.
         key = f"0/robot_description/std_msgs::msg::dds_::String_/{foreign_hash(STRING)}"
         self._description = zenoh.ext.declare_advanced_publisher(
             router, key, cache=zenoh.ext.CacheConfig(max_samples=1), publisher_detection=True
@@ -326,7 +326,7 @@ class ForeignRobot:
 
     @property
     def twist(self) -> tuple[float, float, float]:
-        """What it follows now."""
+        """Current twist command."""
         if not self.heard or time.monotonic() - self.heard[-1][0] > OWN_TIMEOUT_S:
             return 0.0, 0.0, 0.0
         return self.heard[-1][1:]

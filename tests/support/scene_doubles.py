@@ -1,4 +1,4 @@
-"""Robot feed: a robot source for the scene with a snapshot that a test sets."""
+"""Test doubles for the scene: a robot source with snapshots set by tests, and an empty scene."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PERIOD_S = 0.02
 
 @dataclass
 class RobotFeed:
-    """Robot source for the scene: a description and a snapshot set by the test."""
+    """Robot source with a description and a snapshot set by the test."""
 
     id: str = "tsd"
     robot: Any = field(default_factory=lambda: robots.load_robot("tsd"))
@@ -51,7 +51,7 @@ class RobotFeed:
         covariance: Array | None = None,
         after_s: float = PERIOD_S,
     ) -> None:
-        """Set the given messages in the snapshot, some time after the last ones.
+        """Set messages in the snapshot, some time after the last ones.
 
         `twist` (3,) is the estimated twist of `pose`, by default zero.
         """
@@ -94,7 +94,7 @@ def odometry(pose: Array, covariance: Array | None = None, twist: Array | None =
 def link_poses(
     robot: RobotDescription, base: SE2, joints: Array, ball: SO3 | None = None
 ) -> dict[str, LinkPoses]:
-    """Return the links of a robot whose wheels have not turned yet."""
+    """Return the link poses of a robot with unturned wheels."""
     drive = robot.kinematics()
     is_angle = np.array([joint.kind is JointKind.POSITION for joint in drive.joints])
     turned = SO3.identity() if ball is None else ball
@@ -104,7 +104,7 @@ def link_poses(
 
 
 class EmptyScene:
-    """A scene without robots."""
+    """Scene without robots, for servers."""
 
     def pick_floor(self, *_: object) -> Future[Array]:
         nothing: Future[Array] = Future()

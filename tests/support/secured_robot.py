@@ -1,4 +1,4 @@
-"""Robot behind TLS and access rules on the loopback, with the files that `tsd-certs` makes."""
+"""Robots and a router behind TLS and access rules on the loopback, with files of `tsd-certs`."""
 
 from __future__ import annotations
 
@@ -64,12 +64,14 @@ TELL = {
     "messages": ["declare_subscriber", "declare_queryable"],
     "key_exprs": ["twin/**", "floor/**"],
 }
-"""A session sends only on keys with a known subscriber; a hostile program need not
-care. With this rule all declarations are sent, so that denied messages are really put."""
+"""Sends all declarations to clients.
+
+A session publishes only on keys with a known subscriber, unlike a hostile program. With this rule
+it also publishes forbidden messages."""
 
 
 class Listener:
-    """Recorder of received samples that can wait for one."""
+    """Records received samples and waits for them."""
 
     def __init__(self) -> None:
         self._heard: list[Sample] = []
@@ -79,7 +81,7 @@ class Listener:
         self._queue.put(sample)
 
     def until(self, wanted: Callable[[Sample], bool]) -> Sample:
-        """Return the first sample that meets a condition."""
+        """Wait for the first sample that meets a condition."""
         while True:
             sample = self._queue.get(timeout=PATIENCE_S)
             self._heard.append(sample)
@@ -88,7 +90,7 @@ class Listener:
 
     @property
     def heard(self) -> list[Sample]:
-        """All received samples."""
+        """Return all received samples."""
         while not self._queue.empty():
             self._heard.append(self._queue.get())
         return self._heard
@@ -127,11 +129,11 @@ class SecuredRobot:
         return self._thread.is_alive()
 
     def own_config(self) -> Config:
-        """Return the configuration of the robot itself."""
+        """Return the robot's configuration."""
         return from_file(str(self.folder.settings_file("robot")))
 
     def config(self, name: str, **changes: Any) -> Config:
-        """Return the configuration of a client, for the port that the robot has got."""
+        """Return a client's configuration for the robot's port."""
         config = from_file(str(self.folder.settings_file(name)))
         connect = section(config, "connect")
         connect["endpoints"] = [self.endpoint]
@@ -139,8 +141,8 @@ class SecuredRobot:
 
     @contextlib.contextmanager
     def join(self, name: str) -> Generator[Bus]:
-        """Open the bus with the certificate of a client, and wait until it knows the robot."""
-        # Messages of peers are not forwarded to other peers; a hostile program would be a client.
+        """Open the bus with a client's certificate and wait for the robot."""
+        # Peers do not forward messages to other peers, so a hostile program is a client.
         with Bus(self.config(name, mode="client" if self.told else "peer")) as bus:
             alive = threading.Event()
             bus.subscribe_liveliness(topics.alive_key(ID), lambda _key, _lives: alive.set())
@@ -148,18 +150,18 @@ class SecuredRobot:
             yield bus
 
     def force(self, bus: Bus, key: str, payload: bytes) -> None:
-        """Put a forbidden message; a known subscriber makes the session send it."""
+        """Put a forbidden message; the session sends it because of a known subscriber."""
         put(bus, key, payload, surely=self.told)
 
     def status(self, wanted: Callable[[RobotStatus], bool] = lambda _status: True) -> RobotStatus:
-        """Wait at the robot for a status such as is wanted, and return it."""
+        """Wait at the robot for a status that meets a condition, and return it."""
         with listening(self.bus, topics.STATUS.key(ID)) as ear:
             sample = ear.until(lambda sample: wanted(decode_status(sample.payload)))
         return decode_status(sample.payload)
 
 
 def put(bus: Bus, key: str, payload: bytes, surely: bool = True) -> None:
-    """Put, as soon as the session knows of a subscriber."""
+    """Put a message once the session has found a subscriber."""
     publisher = bus._session.declare_publisher(key)
     if surely:
         matching = threading.Event()
@@ -195,7 +197,7 @@ def hold(link: RobotMonitor, operator: str) -> ControlProtocol:
 
 
 def set_free(bus: Bus) -> None:
-    """Reset the robot and release its lease, with the bus of an operator."""
+    """Reset the robot and release its lease on an operator's bus."""
     link = RobotMonitor(bus, ID)
     lease = hold(link, "alice").lease_hex
     ask(link, Service.RESET, HolderRequest(lease))
@@ -206,7 +208,7 @@ def set_free(bus: Bus) -> None:
 
 @contextlib.contextmanager
 def listening(bus: Bus, *keys: str) -> Generator[Listener]:
-    """Subscribe to keys."""
+    """Subscribe to keys and record their samples."""
     ear = Listener()
     with contextlib.ExitStack() as stack:
         for key in keys:
@@ -222,7 +224,7 @@ def section(config: Config, name: str) -> Any:
 
 
 def with_sections(config: Config, **sections: Any) -> Config:
-    """Return a configuration with other sections."""
+    """Return a configuration with replaced sections."""
     settings = zenoh.Config.from_json5(config.json5)
     for name, content in sections.items():
         settings.insert_json5(name, json.dumps(content))
@@ -230,7 +232,7 @@ def with_sections(config: Config, **sections: Any) -> Config:
 
 
 def make_keys(path: Path, **changes: Any) -> KeyFolder:
-    """Make a folder as `tsd-certs` does, for a robot on this machine, on any port."""
+    """Make a `tsd-certs` folder for a local robot on any port."""
     folder = KeyFolder(path)
     order = {
         "hosts": ("localhost", "127.0.0.1"),
@@ -252,7 +254,7 @@ HERS, HIS = "lab1", "lab2"
 
 
 def rights(use: str = "", watch: str = "") -> RobotRights:
-    """Return rights for robots that are separated by blanks."""
+    """Return rights for robots, separated by blanks."""
     return RobotRights(frozenset(use.split()), frozenset(watch.split()))
 
 
@@ -269,7 +271,7 @@ ROUTER_PEOPLE: dict[str, tuple[Role, RobotRights]] = {
 
 
 def make_router_keys(path: Path, **changes: Any) -> KeyFolder:
-    """Make a folder as `tsd-certs` does, for a router on this machine, on any port."""
+    """Make a `tsd-certs` folder for a local router on any port."""
     folder = KeyFolder(path)
     order: dict[str, Any] = {
         "hosts": ("127.0.0.1",),
@@ -289,10 +291,10 @@ def make_router_keys(path: Path, **changes: Any) -> KeyFolder:
 
 
 class RouterStage:
-    """A running router and its robots."""
+    """Running router and its robots."""
 
     def __init__(self, folder: KeyFolder, *, told: bool = False) -> None:
-        """With `told`, clients learn of every subscriber, so that forbidden messages are sent."""
+        """With `told`, clients receive all declarations, and therefore send forbidden messages."""
         self.folder = folder
         config = router_file(str(folder.settings_file("router")))
         if told:
@@ -306,7 +308,7 @@ class RouterStage:
         self.robots = {name: BehindRouter(self, name) for name in (HERS, HIS)}
 
     def config(self, name: str) -> Config:
-        """Return the configuration of a robot or client, for the port that the router has got."""
+        """Return the configuration of a robot or client for the router's port."""
         config = from_file(str(self.folder.settings_file(name)))
         connect = section(config, "connect")
         connect["endpoints"] = [self.endpoint]
@@ -314,7 +316,7 @@ class RouterStage:
 
     @contextlib.contextmanager
     def join(self, name: str, seen: str | None = None) -> Generator[Bus]:
-        """Open a session of a client, and wait until it sees robot `seen`."""
+        """Open a client session and wait until it sees robot `seen`."""
         with Bus(self.config(name)) as bus:
             if seen is not None:
                 alive = threading.Event()
@@ -329,7 +331,7 @@ class RouterStage:
 
 
 class BehindRouter:
-    """Robot node with its session."""
+    """Robot node behind the router, with its session."""
 
     def __init__(self, stage: RouterStage, name: str) -> None:
         self.name = name

@@ -1,4 +1,4 @@
-"""Square driven by odometry alone, as a program of a user would do it. Pure."""
+"""Square by odometry, as in a user's program, without imports of the package."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _SLOWEST_MPS = 0.01
 
 @dataclass
 class SquareDrive:
-    """Twists to the four corners, one after the other, at the heading of the start."""
+    """Twists to the four corners in turn, at the initial heading."""
 
     side_m: float
     speed_mps: float
@@ -25,7 +25,7 @@ class SquareDrive:
         return 4.0 * self.side_m
 
     def twist(self, x_m: float, y_m: float, heading: float) -> tuple[float, float, float] | None:
-        """Return vx, vy and the turn rate at a pose, None once the square is driven."""
+        """Return vx, vy and turn rate at a pose, or None after the last corner."""
         if not self._begun:
             self._begun, self._heading = True, heading
             for along, left in ((1, 0), (1, 1), (0, 1), (0, 0)):

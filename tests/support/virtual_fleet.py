@@ -1,4 +1,4 @@
-"""Simulated robots on a bus in memory, and pages of a dashboard, all in virtual time."""
+"""Simulated robots on an in-memory bus, and dashboard pages, in virtual time."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _POLL_S = 0.02
 
 
 class FleetRobotNode:
-    """One node with its simulator, which the network can lose."""
+    """Node with its simulator and a network link that can fail."""
 
     def __init__(self, network: Network, robot_id: str, toml: str = QUICK) -> None:
         self.id, self._network = robot_id, network
@@ -65,17 +65,17 @@ class FleetRobotNode:
             self._node._tick(now_s, next(self._ticks), self._rate)
 
     def kill(self) -> None:
-        """End the node without a farewell, as SIGKILL does."""
+        """End the node without notice, like SIGKILL."""
         self.runs = False
         self._serve(None)
         self._bus.close()
 
     def lose(self) -> None:
-        """Cut its link: the node keeps running but no longer answers requests."""
+        """Cut the link: the node keeps running but answers no requests."""
         self._serve(Queue(64, lambda _: None))
 
     def find(self) -> None:
-        """Mend its link."""
+        """Restore the link."""
         others = [each for each in self._network.servers if each[0] not in self._keys]
         self._network.servers[:] = [*others, *self._servers]
 
@@ -90,7 +90,7 @@ class FleetRobotNode:
 
 
 class Periods:
-    """Passing of virtual time with a period of nodes each 10 ms."""
+    """Virtual time with node periods of 10 ms."""
 
     def __init__(self, clock: VirtualClock, tick: Callable[[float], None]) -> None:
         self._clock, self._tick = clock, tick
@@ -98,7 +98,7 @@ class Periods:
         clock.wait = self.wait
 
     def wait(self, seconds: float) -> None:
-        """Let time pass."""
+        """Advance the time."""
         clock = self._clock
         end_s = clock.now_s + max(seconds, 1e-6)
         while clock.now_s < end_s - 1e-9:
@@ -112,7 +112,7 @@ class Periods:
 
 
 class VirtualNode:
-    """Node in virtual time on a bus in memory, in place of a `RunningNode`."""
+    """Node in virtual time on an in-memory bus, used like a `RunningNode`."""
 
     def __init__(self, clock: VirtualClock, robot_id: str = "tsd", toml: str = QUICK) -> None:
         self.id, self._network = robot_id, Network(clock)
@@ -121,12 +121,12 @@ class VirtualNode:
         Periods(clock, node.tick)
 
     def client(self) -> Any:
-        """Return a session on its bus."""
+        """Return a new session on the bus."""
         return MemoryBus(self._network)
 
 
 class VirtualFleet:
-    """Robots by id, a replay on the same bus, and a dashboard that knows all of them."""
+    """Robots, a replay on the same bus, and a dashboard for all of them."""
 
     replay = "replay"
 
@@ -136,10 +136,10 @@ class VirtualFleet:
         self.network.is_held = lambda key: topics.robot_of(key) in self.lost
         self.nodes = {each: FleetRobotNode(self.network, each) for each in robot_ids}
         self.stops: list[str] = []
-        """Ids of the robots to which a stop was sent, also the replay's."""
+        """Ids of the robots and replays that received a stop."""
         self.bus = MemoryBus(self.network)
         self.stop_times_s: list[float] = []
-        """When each of them was sent."""
+        """Times of these stops."""
         self.bus.subscribe(topics.STOP.key("*"), self._note_stop)
         for key in (topics.STOP.key(self.replay), *(s.key(self.replay) for s in Service)):
             self.bus.queryable(key)
@@ -160,7 +160,7 @@ class VirtualFleet:
         self.nodes[robot_id].lose()
 
     def find(self, robot_id: str) -> None:
-        """Mend the link of a robot; what it missed stays lost."""
+        """Restore the link of a robot; missed messages stay lost."""
         self.lost.discard(robot_id)
         self.network.held.clear()
         self.nodes[robot_id].find()
@@ -183,7 +183,7 @@ class VirtualFleet:
 
     @contextlib.asynccontextmanager
     async def running(self) -> AsyncGenerator[None]:
-        """Poll the robots as a dashboard does, once each has been heard."""
+        """Wait for all robots, then poll them like a dashboard."""
         self.manager.open()
         polling = asyncio.create_task(self._poll())
         await until(lambda: all(each.snapshot.status for each in self.links.values()))
@@ -210,7 +210,7 @@ class VirtualFleet:
         name: str = "",
         rights: RobotRights = EVERY_ROBOT,
     ) -> AsyncGenerator[FleetPage]:
-        """Open a page with the typed name of its operator."""
+        """Open a page with an operator name."""
         opened = FleetPage()
         identity = BusIdentity("web", Role.OPERATOR)
         principal = Principal(identity, may_stop=may_stop, rights=rights)
@@ -237,7 +237,7 @@ class VirtualFleet:
 
 
 class FleetPage:
-    """Web socket of a page, and the page behind it."""
+    """WebSocket of a page, and the page."""
 
     def __init__(self) -> None:
         self.received: list[dict[str, Any]] = []
@@ -265,11 +265,11 @@ class FleetPage:
         self.received.append(json.loads(text))
 
     async def close(self, **_: Any) -> None:
-        """It has no other end."""
+        """Do nothing, because there is no peer."""
 
     @property
     def fleet(self) -> dict[str, dict[str, Any]]:
-        """The robots as a page that follows the protocol shows them, with their poses."""
+        """Return robots and poses, as shown by a page that follows the protocol."""
         robots: dict[str, dict[str, Any]] = {}
         poses: dict[str, Any] = {}
         for message in self.all("fleet"):
@@ -280,7 +280,7 @@ class FleetPage:
         return {each: row | {"pose": poses.get(each)} for each, row in robots.items()}
 
     def outcomes(self) -> dict[str, list[str]]:
-        """Outcomes of stops by robot, in order of arrival."""
+        """Return the outcomes of stops by robot, in order of arrival."""
         found: dict[str, list[str]] = {}
         for each in self.all("stop_result"):
             found.setdefault(each["robot"], []).append(each["outcome"])

@@ -1,4 +1,4 @@
-"""A robot in virtual time: the real node, bridge and firmware."""
+"""Robot in virtual time with the real node, bridge and firmware."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ from tsd_twin.simulation import Motors
 
 PERIOD_S = 0.01
 ZERO_US = 1001.0
-"""A pulse up to this is zero throttle."""
+"""Maximum pulse for zero throttle."""
 _BYTE_WAIT_S = 0.001
 
 
 class VirtualPort:
-    """Serial port whose other end is a function that exchanges bytes; time passes in `read`."""
+    """Serial port with a function as its peer; time passes in `read`."""
 
     def __init__(
         self, clock: VirtualClock, send: Callable[[bytes], None], receive: Callable[[], bytes]
@@ -71,18 +71,18 @@ class VirtualPort:
         self._waiting = b""
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing, because nothing is open."""
 
 
 class TurnTaking:
-    """What `DeviceThread` does, in turn with the node: a cycle when one is requested."""
+    """Replacement for `DeviceThread` that runs requested cycles in turn with the node."""
 
     def __init__(self, port: str, device: serial.Device) -> None:
         self.loop = serial.DeviceLoop(port, device)
         self._stepped_s = time.monotonic()
 
     def cycle(self) -> None:
-        """Exchange data; while disconnected, attempt to connect if it is time."""
+        """Exchange data; while disconnected, try to connect when due."""
         if self.loop.connected or time.monotonic() - self._stepped_s >= self.loop.pause_s:
             self.loop.step()
             self._stepped_s = time.monotonic()
@@ -92,14 +92,14 @@ class TurnTaking:
 
 
 class VirtualRobot:
-    """`tsd` on a bus in memory: its node, the bridge, the firmware, servos, motors and a radio.
+    """`tsd` on an in-memory bus: node, bridge, firmware, servos, motors and a radio.
 
-    With `u2d2`, the servos are at the computer, and those at the board are silent.
+    With `u2d2`, the servos are at the computer, and the board has none.
     """
 
     id = "tsd"
     late_s = 0.021
-    """From the end of a command until the node acts on it: two periods."""
+    """Time from the end of a command until the node acts: two periods."""
 
     def __init__(
         self,
@@ -144,7 +144,7 @@ class VirtualRobot:
         self.firmware.close()
 
     def _see_stop_circuit(self) -> None:
-        """Open the stop circuit once after power has come, as an owner does, and close it."""
+        """Open and close the stop circuit once after power-up, like an owner."""
         self.firmware.set_contactor(closed=False)
         self.clock.advance(0.2)
         self.firmware.set_contactor(closed=True)
@@ -179,7 +179,7 @@ class VirtualRobot:
         self.widest_us = max(self.widest_us, *self.firmware.pulses_us())
 
     def wait(self, seconds: float) -> None:
-        """Let time pass, with a period of the node each 10 ms."""
+        """Advance the time, with a node period each 10 ms."""
         end_s = self.clock.now_s + max(seconds, 1e-6)
         while self.clock.now_s < end_s - 1e-9:
             if not self._ticking and self.clock.now_s >= self._next_s - 1e-9:
@@ -205,14 +205,14 @@ class VirtualRobot:
 
     @property
     def telemetry(self) -> Telemetry:
-        """Newest telemetry that the bridge has read."""
+        """Latest telemetry read by the bridge."""
         report = self._board.report
         assert report is not None
         return report.telemetry
 
     @property
     def setup(self) -> Setup:
-        """Set-up that the bridge has written to the board."""
+        """Setup written by the bridge to the board."""
         return self._board._setup
 
     @property
@@ -221,7 +221,7 @@ class VirtualRobot:
         return wheels._board
 
     def refusal_past_the_node(self) -> Refusal:
-        """Let a program that looks at nothing ask the board to arm; return its refusal."""
+        """Arm the board without checks; return its refusal."""
         board, at_rest = self._board, np.zeros(9)
         wheels = self.io._wheels if isinstance(self.io, U2D2IO) else self.io
         transport = wheels._thread.loop._transport
@@ -233,12 +233,12 @@ class VirtualRobot:
         return Refusal(self.telemetry.refusal)
 
     def watch(self) -> None:
-        """Forget how wide the pulses were."""
+        """Reset the record of pulse widths."""
         self.widest_us = 0.0
 
     @property
     def obeys(self) -> bool:
-        """Whether the node obeys a command of motion."""
+        """Whether the node obeys a motion command."""
         supervisor = self.supervisor
         command = supervisor.command if supervisor.mode == Mode.DRIVING else None
         return command is not None and bool(command.twist.any())

@@ -1,4 +1,4 @@
-"""Virtual time: a clock in place of that of the machine, and an event loop that lets it pass."""
+"""Virtual time: a replacement for the machine's clock, and an event loop that advances it."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ _TURN_S = 1e-7
 
 
 class VirtualClock:
-    """Clock of everything in a test; time passes in `advance` and in what sleeps."""
+    """Clock of a test; it advances in `advance` and in sleeps."""
 
     def __init__(self, patch: pytest.MonkeyPatch) -> None:
         self.now_s = START_S
         self.machines: list[Callable[[float], None]] = []
-        """Each is called with the time, whenever it has changed."""
+        """Functions that are called with each new time."""
         self.wait: Callable[[float], None] = self.advance
-        """Lets seconds pass for all that lives in this time."""
+        """Advances all users of this clock by seconds."""
         patch.setattr(time, "monotonic", lambda: self.now_s)
         patch.setattr(time, "time_ns", self.wall_ns)
         real_sleep, real_wait = time.sleep, threading.Condition.wait
-        # Threads of earlier tests must not run this one's machines, nor beside its own thread.
+        # Threads of earlier tests must not advance this clock.
         others = set(threading.enumerate()) - {threading.current_thread()}
 
         def sleep(seconds: float) -> None:
@@ -58,7 +58,7 @@ class VirtualClock:
         return _WALL_NS + round((self.now_s - START_S) * 1e9)
 
     def advance(self, seconds: float) -> None:
-        """Let time pass for the machines alone."""
+        """Advance the machines only."""
         self.now_s += seconds
         for machine in self.machines:
             machine(self.now_s)
@@ -78,7 +78,7 @@ class VirtualClock:
 
 
 class _Selector(selectors.DefaultSelector):
-    """Selector that lets virtual time pass where others wait."""
+    """Selector that advances virtual time instead of waiting."""
 
     def __init__(self, clock: VirtualClock) -> None:
         super().__init__()
@@ -96,9 +96,9 @@ class _Selector(selectors.DefaultSelector):
 
 
 class _Loop(asyncio.SelectorEventLoop):
-    """Event loop in virtual time, which does at once what others give to a thread.
+    """Event loop in virtual time that runs executor jobs at once.
 
-    Other tasks have their turn before the result is used, as they have while a thread works.
+    Other tasks run before the result is used, as with a thread.
     """
 
     def __init__(self, clock: VirtualClock) -> None:

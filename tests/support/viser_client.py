@@ -1,6 +1,6 @@
-"""viser client without a browser: decodes what is sent, and keeps the resulting scene.
+"""viser client without a browser: decodes messages and keeps the resulting scene.
 
-Written after viser's wire format; it shares no code with it.
+It implements viser's wire format without code of viser.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ CAMERA = {
 
 @dataclass
 class Node:
-    """Node of the scene."""
+    """Scene node."""
 
     kind: str
     props: dict[str, Any]
@@ -45,12 +45,12 @@ class Node:
     wxyz: Any = (1.0, 0.0, 0.0, 0.0)
     visible: bool = True
     virtual: bool = False
-    """Parent that was created for its children, without a separate message."""
+    """Whether the node was created only as a parent, without a separate message."""
 
 
 @dataclass
 class Control:
-    """Control of a dashboard in plain viser, such as the example."""
+    """Control of a plain viser dashboard, such as the example."""
 
     kind: str
     uuid: str
@@ -60,7 +60,7 @@ class Control:
 
 @dataclass
 class ViserClient:
-    """Scene that a client sees: shared and private nodes, by name."""
+    """Scene of a client: shared and private nodes by name."""
 
     socket: ClientConnection
     shared: dict[str, Node] = field(default_factory=dict)
@@ -81,7 +81,7 @@ class ViserClient:
         self.socket.send(msgspec.msgpack.encode(message))
 
     def set(self, label: str, value: Any) -> None:
-        """Do what the browser does when a control is moved."""
+        """Move a control like the browser."""
         control = self.control(label)
         control.value = value
         message = {"type": "GuiUpdateMessage", "uuid": control.uuid, "updates": {"value": value}}
@@ -94,7 +94,7 @@ class ViserClient:
         return {str(c.props["label"]) for c in self.controls.values() if c.props.get("label")}
 
     def node(self, name: str) -> Node:
-        """Return the visible node: the client's own one overrides the shared one, if it is real."""
+        """Return the visible node; a private node overrides the shared one unless implicit."""
         own, shared = self.own.get(name), self.shared.get(name)
         return own if own is not None and (shared is None or not own.virtual) else self.shared[name]
 
@@ -104,7 +104,7 @@ class ViserClient:
         def holds() -> bool:
             try:
                 return bool(condition())
-            except (KeyError, StopIteration, ValueError):  # It has not been sent yet.
+            except (KeyError, StopIteration, ValueError):  # Not received yet.
                 return False
 
         with self._changed:
@@ -152,7 +152,7 @@ class ViserClient:
             self._change(nodes[name], message)
 
     def _add(self, nodes: dict[str, Node], name: str, message: dict[str, Any]) -> None:
-        """As a browser: a node that is there already keeps its pose, and stays real."""
+        """Add a node; an existing node keeps its pose, as in a browser."""
         node = Node(message["type"], message["props"], virtual=message.get("virtual", False))
         if (before := nodes.get(name)) is not None:
             node.position, node.wxyz, node.visible = before.position, before.wxyz, before.visible
@@ -174,7 +174,7 @@ class ViserClient:
 
 
 def decoded(frame: bytes) -> list[dict[str, Any]]:
-    """Sizes, then packed messages, then the arrays that they refer to, each on 8 bytes."""
+    """Decode a frame: sizes, packed messages, and their arrays aligned to 8 bytes."""
     plain, packed = (int.from_bytes(frame[i : i + 8], "little") for i in (0, 8))
     body = zstandard.ZstdDecompressor().decompress(frame[16 : 16 + packed], plain)
     content = msgspec.msgpack.decode(body)
@@ -195,7 +195,7 @@ def decoded(frame: bytes) -> list[dict[str, Any]]:
 
 
 def chosen(viewer: ViserClient) -> dict[str, Node]:
-    """Nodes of a client alone, besides its stage."""
+    """Return the private nodes of a client, except its stage."""
     stage = ("/stage", "/w/g", METRES)
     return {
         name: node
@@ -208,7 +208,7 @@ def chosen(viewer: ViserClient) -> dict[str, Node]:
 def viser_client(
     port: int, page: str | None = None, *, plain: bool = False, robots: str = ""
 ) -> Generator[ViserClient]:
-    """Connect a client and receive the whole scene, or with `robots` that of some robots."""
+    """Connect a client and receive the whole scene, or only some `robots`."""
     headers = {KEY_HEADER: access_key(), "X-Tsd-Look": "dark-plain" if plain else "dark"}
     headers |= {} if page is None else {"X-Tsd-Page": page}
     headers |= {ROBOTS_HEADER: robots} if robots else {}

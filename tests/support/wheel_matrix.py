@@ -1,4 +1,4 @@
-"""Fault matrix of robots on Dynamixel wheels, in virtual time: when wheels are no longer driven.
+"""Fault matrix of robots on Dynamixel wheels in virtual time: time until wheels are off.
 
 `python -m tests.support.wheel_matrix` prints the rows of docs/wheels.md.
 """
@@ -35,7 +35,7 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Fault(Generic[R]):
-    """Fault while a robot drives, whose machine is an `R`."""
+    """Fault of a driving robot with a machine of type `R`."""
 
     what: str
     inject: Callable[[R], object]
@@ -44,24 +44,24 @@ class Fault(Generic[R]):
     """Steps before anything moves again."""
     codes: frozenset[str]
     mega_s: float
-    """Time until the wheels of the robot with the Mega are off after the same fault."""
+    """Time until the wheels are off after the same fault on a robot with the Mega."""
 
 
 class VirtualLine:
-    """Serial line in virtual time, in place of a `SerialTransport`."""
+    """Serial line in virtual time, used like a `SerialTransport`."""
 
     name = "line"
 
     def __init__(self, bus: XBus | ServoChain, now_s: float) -> None:
         self.bus, self.now_s = bus, now_s
         self.held_until_s = now_s
-        """Injected fault: until then nothing arrives."""
+        """Injected fault: nothing arrives before this time."""
         self.broken = self.late = 0
         self.plugged = True
         self.on_time: Callable[[], None] = lambda: None
 
     def pass_time(self, seconds: float) -> None:
-        """Let time pass, in steps of two milliseconds."""
+        """Advance the time in steps of 2 ms."""
         end_s = self.now_s + seconds
         while self.now_s < end_s - 1e-9:
             self.now_s = min(end_s, self.now_s + 0.002)
@@ -71,7 +71,7 @@ class VirtualLine:
     def request(
         self, request: bytes, answers: int, patience_s: float, framing: Framing = protocol2
     ) -> list[StatusPacket]:
-        """Exchange as a real line does, with the time that its bytes take."""
+        """Exchange bytes, and let their transmission time pass."""
         if not self.plugged:
             raise HardwareError(f"{self.name} is gone")
         if self.held_until_s > self.now_s + patience_s:
@@ -90,7 +90,7 @@ class VirtualLine:
 
 
 class WheelRig:
-    """A robot, its bridge and a node that keeps commanding, in virtual time."""
+    """Robot, bridge and a node that keeps commanding, in virtual time."""
 
     def __init__(self, name: str) -> None:
         given = WHEEL_ROBOTS[name]
@@ -128,7 +128,7 @@ class WheelRig:
         self._lived_s = now_s
 
     def tick(self) -> None:
-        """Let a period of the node pass."""
+        """Run one node period."""
         next_s = self.line.now_s + PERIOD_S
         if self.node_runs:
             self._beat += self.operator_speaks
@@ -170,7 +170,7 @@ class WheelRig:
         return self.driven
 
     def harm(self, fault: Fault[WheelRig]) -> None:
-        """Inject a fault while driving, and watch what happens."""
+        """Inject a fault while driving and measure the result."""
         assert self.get_driving()
         self.codes.clear()
         self._harmed_s, self.way_m, self.off_s = self.line.now_s, 0.0, 0.0

@@ -1,8 +1,10 @@
-"""Withheld time: for how long threads were ready to run, and the machine ran something else.
+"""Withheld processor time, and priorities of the processes under test.
 
-Linux counts it for each thread (`/proc/<pid>/task/<tid>/schedstat`, second field). A thread that
-sleeps, waits for a lock or for the interpreter, or is stopped by a signal is not ready to run: what
-a program does wrong is never withheld time, so a real-time test may add it to its bounds.
+Time is withheld from a thread while it is ready to run and the machine runs something else. Linux
+counts this time per thread (`/proc/<pid>/task/<tid>/schedstat`, second field). A thread that
+sleeps, waits for a lock or for the interpreter, or is stopped by a signal is not ready to run.
+Faults of a program are therefore never withheld time, and a real-time test may add withheld time to
+its bounds.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from types import TracebackType
 from typing import Self
 
 _REPEATS, _FREE_REPEATS = 0.2, 10
-"""Fraction of the inputs to pages that may be given again, and a number that always may."""
+"""Fraction of page inputs that may be repeated, and a number that is always allowed."""
 _RAN, _WITHHELD = 0, 1
 """Counts of a thread."""
 _TICK_S = 1.0 / os.sysconf("SC_CLK_TCK")
@@ -29,11 +31,11 @@ _STOLEN = 8
 class WithheldTime:
     """Withheld time of processes, with their children, and of the whole virtual machine.
 
-    The sum over all threads: what a chain of threads does late is late by no more than that.
+    The sum over all threads is an upper bound for the delay of a chain of threads.
     """
 
     def __init__(self, *pids: int) -> None:
-        """Measure these processes; without any, this one alone, without its children."""
+        """Measure these processes, by default only this one without its children."""
         self._pids = pids
         self._stolen_s = _stolen_s()
         self._began = self._read()
@@ -55,14 +57,14 @@ class WithheldTime:
 
     @property
     def total_s(self) -> float:
-        """Withheld time since it was made, until now or the end of its context."""
+        """Withheld time since creation, until now or the end of the context."""
         if self._total_s is not None:
             return self._total_s
         return self._since_start_s(_WITHHELD) + _stolen_s() - self._stolen_s
 
     @property
     def ran_s(self) -> float:
-        """Processor time since it was made, until now."""
+        """Processor time since creation."""
         return self._since_start_s(_RAN)
 
     def _since_start_s(self, count: int) -> float:
@@ -80,7 +82,7 @@ class WithheldTime:
 
 
 class Stopwatch:
-    """Time that passes, less what is withheld from processes; without any, from this one."""
+    """Elapsed time, less the withheld time of processes, by default of this one."""
 
     def __init__(self, *pids: int) -> None:
         """Start."""
@@ -94,22 +96,22 @@ class Stopwatch:
 
 
 class Pauses:
-    """Longest pause between events of processes, less what was withheld from them in that pause.
+    """Longest pause between events of processes, less the time withheld in that pause.
 
-    Withheld time counts from the event before the pause, which may have been known late.
+    Withheld time counts from the event before the pause, which may be observed late.
     """
 
     def __init__(self, *pids: int) -> None:
-        """Watch these processes; without any, this one."""
+        """Watch these processes, by default this one."""
         self._withheld = WithheldTime(*pids)
         self._last_s: float | None = None
         self._counts_s = deque([0.0], maxlen=2)
         self.longest_s = 0.0
         self.on_the_clock_s = 0.0
-        """Longest with all that was withheld."""
+        """Longest pause with the withheld time included."""
 
     def note(self, at_s: float) -> None:
-        """Note an event at a time, as soon as it is known."""
+        """Record the time of an event at once."""
         withheld_s = self._withheld.total_s
         if self._last_s is not None:
             pause_s, in_it_s = at_s - self._last_s, withheld_s - self._counts_s[0]
@@ -121,7 +123,7 @@ class Pauses:
 
 @dataclass
 class Tally:
-    """Withheld and processor times of all processes of a kind in a run."""
+    """Withheld and processor times of all processes of one kind in a run."""
 
     withheld_s: float = 0.0
     ran_s: float = 0.0
@@ -136,21 +138,21 @@ class Tally:
 
 @dataclass
 class Budget:
-    """Withheld time of each kind of process under test, and how much of it a run may have."""
+    """Withheld time of each kind of process under test, and its limit for a run."""
 
     limit: float
     """Largest fraction of the time in which threads ran or were ready to run. Threads that wait for
     something else, as most do, change nothing in it."""
     free_s: float
-    """Withheld time that no run fails for, however short it is."""
+    """Withheld time that is allowed in every run."""
     tallies: dict[str, Tally] = field(default_factory=dict[str, Tally])
     inputs: int = 0
-    """Inputs to pages that a test gives as often as a person would."""
+    """Number of page inputs."""
     repeated: list[str] = field(default_factory=list[str])
-    """Those that were given again, as the page had stalled."""
+    """Number of repeated inputs, after a page had stalled."""
 
     def tries(self, what: str, count: int, *, free: int = 1) -> Iterator[int]:
-        """Number attempts at an input to a page, and count those after the first, or `free`."""
+        """Number the attempts at a page input; count those after the first `free` ones."""
         self.inputs += 1
         for attempt in range(count):
             if attempt >= free:
@@ -158,12 +160,12 @@ class Budget:
             yield attempt
 
     def follow(self, name: str, *pids: int) -> Followed:
-        """Return the entry of a process that runs now; without a pid, of this one."""
+        """Return the entry of a running process, by default of this one."""
         return Followed(self.tallies.setdefault(name, Tally()), WithheldTime(*pids))
 
     @property
     def excess(self) -> str:
-        """Why the run cannot count, or nothing."""
+        """Reason why the run is invalid, or empty."""
         allowed = max(_FREE_REPEATS, _REPEATS * self.inputs)
         if len(self.repeated) > allowed:
             return (
@@ -182,7 +184,7 @@ class Budget:
         )
 
     def lines(self) -> Iterator[str]:
-        """Describe each kind of process, that with the most withheld time first, and inputs."""
+        """Describe inputs and each kind of process, most withheld time first."""
         for name, it in sorted(self.tallies.items(), key=lambda item: -item[1].withheld_s):
             wanted_s = it.withheld_s + it.ran_s
             share = it.withheld_s / wanted_s if wanted_s else 0.0
@@ -195,14 +197,14 @@ class Budget:
 
 
 class Followed:
-    """Entry of one process in a budget."""
+    """Budget entry of a process."""
 
     def __init__(self, tally: Tally, withheld: WithheldTime) -> None:
         self._tally: Tally | None = tally
         self._withheld = withheld
 
     def end(self) -> None:
-        """Count the process, once; call it just before the process ends."""
+        """Count the process once; call this just before it ends."""
         tally, self._tally = self._tally, None
         if tally is not None:
             tally.add(self._withheld.total_s, self._withheld.ran_s)
@@ -211,12 +213,15 @@ class Followed:
 IN_PROCESS = "robots, dashboards and operators in the process of the tests"
 """Kind of process in a budget."""
 budget = Budget(limit=float(os.environ.get("TEST_WITHHELD_LIMIT", "0.75")), free_s=5.0)
-"""Budget of this run: a quarter of what robots and dashboards want is too little to judge them by.
-Next to three programs that compute on two processors they miss 75 to 80 %, with priorities 15 %."""
+"""Budget of this run.
+
+Robots and dashboards with a quarter of the time that they need cannot be judged. Next to three
+computing programs on two processors they miss 75 to 80 %, with priorities 15 %.
+"""
 
 
 def family(pid: int) -> Iterator[int]:
-    """Yield a process, its living children and theirs."""
+    """Yield a process and its living descendants."""
     yield pid
     try:
         tasks = [int(task.name) for task in Path(f"/proc/{pid}/task").iterdir()]
@@ -228,7 +233,7 @@ def family(pid: int) -> Iterator[int]:
 
 
 def _threads_s(pid: int) -> dict[int, tuple[float, float]]:
-    """Times of each thread since its start: it ran, it was withheld; none of an ended process."""
+    """Return running and withheld times of each thread; empty if the process ended."""
     found: dict[int, tuple[float, float]] = {}
     try:
         tasks = list(Path(f"/proc/{pid}/task").iterdir())
@@ -246,22 +251,23 @@ def _stolen_s() -> float:
 
 
 REALTIME = os.environ.get("TEST_REALTIME", "").split()
-"""Starts a command in real time, like a robot's on a dedicated machine."""
+"""Command prefix for real-time priority, as on a dedicated robot computer."""
 AS_OTHERS = ["chrt", "--other", "0"] if REALTIME else []
-"""Starts a command with normal priority. Otherwise it would inherit the priority of a test in real
-time, and delay robots by its computations."""
+"""Command prefix for normal priority. Without it, a command inherits the real-time priority of a
+test and delays robots."""
 
 ROBOT, TEST = 3, 2
-"""Priorities in real time: what has little to do and must do it soon comes first."""
+"""Real-time priorities; short, urgent work has the higher one."""
 _HEAVY, _HEAVY_NICENESS = (b"tsd_dashboard",), -12
-"""Programs that may take most of a processor for a second, for example to draw meshes. In real time
-they would hold up all robots: Linux withholds the processor from real-time processes for 50 ms once
-they have used 950 ms of a second, and servos that are silent for 50 ms are a fault. A board in its
-simulator takes most of a processor, too, but is a robot; one test at a time has one."""
+"""Programs that may take most of a processor for a second, for example to load meshes. With
+real-time priority they would delay all robots: Linux withholds the processor from real-time
+processes for 50 ms after 950 ms of a second, and servos that are silent for 50 ms are a fault.
+Simulated boards also take most of a processor, but are robots; only one test at a time runs one.
+"""
 
 
 def to_realtime(pid: int) -> None:
-    """Let all threads of a process run in real time, or ahead of others in a heavy program."""
+    """Give all threads of a process real-time priority, or a heavy program a lower niceness."""
     with contextlib.suppress(OSError):  # A thread may have ended.
         command = Path(f"/proc/{pid}/cmdline").read_bytes()
         heavy = any(name in command for name in _HEAVY)
@@ -273,13 +279,13 @@ def to_realtime(pid: int) -> None:
 
 
 def this_thread_is_a_robot() -> None:
-    """Let this thread run before what tests and their programs compute in real time."""
+    """Give this thread priority over real-time tests and their programs."""
     if REALTIME:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(ROBOT))
 
 
 def own_threads_to_realtime() -> None:
-    """Let the threads that this process has now run in real time, but none of its children."""
+    """Give the current threads of this process real-time priority, but not its children."""
     if not REALTIME:
         return
     with contextlib.suppress(OSError):

@@ -1,10 +1,11 @@
-"""Simulated Dynamixel X servos as wheels, which answer like the real models.
+"""Simulated Dynamixel X servos as wheels.
 
-After the control tables of the e-Manual: EEPROM is locked while torque is on, a goal above the
-velocity limit is refused, torque goes off above the temperature limit, and the bus watchdog counts
-while torque is on, is fed by any packet, stops the servo, and refuses goals until it is cleared.
-What a cleared watchdog does with the old goal is not documented; here the servo turns at it again,
-which is the worst case.
+Behaviour follows the control tables of the e-Manual: EEPROM is locked while torque is on, a goal
+above the velocity limit is refused, torque goes off above the temperature limit, and the bus
+watchdog counts while torque is on, is fed by any packet, stops the servo, and refuses goals until
+it is cleared.
+The e-Manual does not document the goal after clearing the watchdog; this servo resumes it, which is
+the worst case.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ REBOOT = 0x08
 OVERHEATED, OVERLOADED = 0x04, 0x20
 EXPIRED = 255
 FOLLOW_S, COAST_S = 0.02, 0.1
-"""Time constants of the speed control, and of a wheel without torque."""
+"""Time constants of the speed control and of a wheel without torque."""
 _GOAL, _WATCHDOG, _TORQUE, _ERROR = 104, 98, 64, 70
 _READ_ONLY = (*range(7), 69, 70, *range(120, 147))
 RESERVED = frozenset(
@@ -37,9 +38,9 @@ class XServo:
     id: int
     model: int = 1060
     dead: bool = False
-    """Injected fault: its data wire is off; it has power, hears nothing, and turns on."""
+    """Injected fault: loose data wire; the servo has power, receives nothing and keeps turning."""
     mute: bool = False
-    """Injected fault: it obeys, and its answers are lost."""
+    """Injected fault: the servo obeys, but its responses are lost."""
     powered: bool = True
     jammed: bool = False
     volts: float = 11.1
@@ -48,7 +49,7 @@ class XServo:
     angle_rad: float = 0.0
     memory: bytearray = field(default_factory=lambda: bytearray(256))
     heard_s: float = 0.0
-    """When it last heard a packet, which feeds its watchdog."""
+    """Time of the last received packet, which feeds the watchdog."""
 
     def __post_init__(self) -> None:
         for at, size, value in ((0, 2, self.model), (6, 1, 46), (7, 1, self.id), (8, 1, 3)):
@@ -84,11 +85,11 @@ class XServo:
 
     @property
     def driven(self) -> bool:
-        """Whether its motor turns it by command."""
+        """Whether the motor follows commands."""
         return self.powered and self.torque and not self.expired and self.goal != 0
 
     def restart(self) -> None:
-        """Lose power for a moment."""
+        """Interrupt the power."""
         self._reset()
 
     def set_power(self, on: bool) -> None:
@@ -97,7 +98,7 @@ class XServo:
             self._reset()
 
     def live(self, seconds: float, silent_s: float) -> None:
-        """Let time pass, after a silence of the bus that ends now."""
+        """Advance the time after a silence of the bus that ends now."""
         units = self.memory[_WATCHDOG]
         if self.torque and 0 < units < EXPIRED and silent_s > units * 0.02:
             self.memory[_WATCHDOG] = EXPIRED
@@ -132,7 +133,7 @@ class XServo:
         if at == _WATCHDOG and not 0 <= value <= 127:
             return RANGE_ERROR
         if at == _TORQUE and value and self.memory[_ERROR]:
-            return 1  # It stays off until a reboot.
+            return 1  # Torque stays off until a reboot.
         self.memory[at : at + len(data)] = data
         return 0
 
@@ -143,18 +144,18 @@ class XServo:
 
 
 class XBus:
-    """Simulated servos on one line, in the time of the caller."""
+    """Simulated servos on one line, in the caller's time."""
 
     def __init__(self, servos: list[XServo]) -> None:
         self.servos = servos
         self.reserved: set[tuple[int, int]] = set()
-        """Reads that cover a reserved register."""
+        """Number of reads that cover a reserved register."""
         self.silent = False
-        """Injected fault: the data wire of the bus is off."""
+        """Injected fault: loose data wire of the bus."""
         self.waits = False
-        """Whether a servo answers a sync read only after the one before it in the request."""
+        """Whether a servo responds to a sync read only after its predecessor in the request."""
         self.spoil_bits = 0
-        """Bits to flip in the next answers."""
+        """Bits to flip in the next responses."""
         self._decoder = Decoder(protocol2)
         self._lived_s = 0.0
 
@@ -163,7 +164,7 @@ class XBus:
         return next(servo for servo in self.servos if servo.id == device)
 
     def live(self, now_s: float) -> None:
-        """Let time pass until now, in steps."""
+        """Advance to the current time in steps."""
         while self._lived_s and self._lived_s < now_s:
             step_s = min(0.002, now_s - self._lived_s)
             self._lived_s += step_s

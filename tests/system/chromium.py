@@ -28,7 +28,7 @@ class RefusedError(Exception):
 
 
 class Chromium:
-    """A browser of its own, with all processes that it has."""
+    """Separate browser with all its processes."""
 
     def __init__(self, profile: Path) -> None:
         self._process = subprocess.Popen(
@@ -85,7 +85,7 @@ class Chromium:
         return number
 
     def call(self, method: str, session: str | None = None, **parameters: Any) -> dict[str, Any]:
-        """Send a command, and return what it results in."""
+        """Send a command and return its result."""
         number = self.say(method, session, **parameters)
         with self._news:
             assert self._news.wait_for(lambda: number in self._answers or self._gone, PATIENCE_S)
@@ -96,7 +96,7 @@ class Chromium:
         return answer["result"]
 
     def told(self, session: str, event: str) -> float:
-        """Wait until a page tells of an event, and return when it heard of it."""
+        """Wait for an event of a page; return the time of the event in the page."""
 
         def found() -> float | None:
             for each, text in self._told:
@@ -116,7 +116,7 @@ class Chromium:
             self._told.clear()
 
     def open(self, url: str, *, window: bool = False) -> Tab:
-        """Open a page in a tab in front, or in a window of its own."""
+        """Open a page in a foreground tab or a separate window."""
         target = self.call("Target.createTarget", url=url, newWindow=window)["targetId"]
         session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         return Tab(self, target, session)
@@ -157,7 +157,7 @@ class Tab:
         self._browser, self._target, self._session = browser, target, session
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """Send a command to this page, and return what it results in."""
+        """Send a command to this page and return its result."""
         return self._browser.call(method, self._session, **parameters)
 
     def value(self, expression: str) -> Any:
@@ -206,7 +206,7 @@ class Tab:
         self._browser.call("Target.closeTarget", targetId=self._target)
 
     def key(self, letter: str, *, down: bool, control: bool = False, again: bool = False) -> None:
-        """Press or lift a key of a letter, perhaps with Control; a held one comes again."""
+        """Press or release a letter key, optionally with Control; held keys repeat."""
         self.call(
             "Input.dispatchKeyEvent",
             type="keyDown" if down else "keyUp",

@@ -1,5 +1,6 @@
 """Robot, link, dashboard and page as processes that a test can kill, and an observer of the
-motion."""
+motion.
+"""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ class PageOperator:
     def drive(self, hand: Pointer, page: RealPage | None = None) -> RealPage:
         """Get a page ready, hold a control until the robot is fast, and return the page.
 
-        On a busy machine a page stalls at times. Then it lets go, as it must, and a person would
+        On a busy machine a page stalls at times. Then it releases the stick, and a person would
         push again.
         """
         page = page or self.page
@@ -119,7 +119,8 @@ class PageOperator:
 
     def drives_anew(self, hand: Pointer, page: RealPage | None = None) -> None:
         """Check that releasing and pushing again moves the robot, so the page was responsive
-        before."""
+        before.
+        """
         hand.up(page or self.page)
         hand.up(self.drive(hand, page))
         self.observer.until_rest()

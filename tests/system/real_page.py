@@ -9,12 +9,12 @@ from tests.system.chromium import PATIENCE_S, Chromium, Tab
 from tests.system.fault_stage import SPEED_MPS, Observer
 
 _MODES = ("Disarmed", "Arming", "Ready", "Driving", "Stopping", "Stopped", "Fault")
-"""What the page says of a robot that it hears; otherwise there is no signal, or no robot yet."""
+"""Mode texts of a connected robot; without a signal or a robot the page shows others."""
 _PRESSED_S = 0.2
 _CONFIRM = "[role=dialog] [type=submit]"
 _SHOWN = "getClientRects().length > 0"
 _EVENTS = ("blur", "visibilitychange", "pointercancel", "lostpointercapture", "pointerdown")
-"""When these happen the page tells, since asking for them takes its time."""
+"""Events that the page reports, because polling for them is slow."""
 
 
 class RealPage:
@@ -36,11 +36,11 @@ class RealPage:
         return f"document.querySelector({json.dumps(selector)})"
 
     def text(self, selector: str) -> str:
-        """Return what an element says."""
+        """Return the text of an element."""
         return str(self.tab.value(f"{self.element(selector)}.textContent"))
 
     def place(self, selector: str, up: float = 0.0) -> tuple[float, float]:
-        """Return a place in an element: in the middle, or a share of half its height above it."""
+        """Return a place in an element: its centre, or a fraction of half its height above it."""
         x, y = self.tab.value(
             f"(({{x, y, width, height}}) => [x + width / 2, y + height / 2 * (1 - {up})])"
             f"({self.element(selector)}.getBoundingClientRect())"
@@ -48,7 +48,7 @@ class RealPage:
         return x, y
 
     def until_mode(self, mode: str) -> None:
-        """Wait until the page says that the robot is in a mode."""
+        """Wait until the page shows a mode of the robot."""
         said = self.element("[role=status][aria-label=Mode]")
         self.tab.until(f"{said}.textContent.toLowerCase().includes({json.dumps(mode)})")
 
@@ -77,7 +77,7 @@ class RealPage:
         return float(epoch_ms) / 1000.0 - (time.time() - time.monotonic())
 
     def can_take_over(self) -> bool:
-        """Ask for control, anew if this page stalls, until it can be taken; false if it is free."""
+        """Request control until it can be taken; return false if it is free."""
         asks = f"{self.button('Ask for control')}?.click()"
         free = f"Boolean({self.button('Take control')})"
         asked = f"Boolean({self.button('Withdraw')})"
@@ -89,10 +89,10 @@ class RealPage:
         return self.text(".driver").startswith("You drive")
 
     def get_ready(self, observer: Observer) -> None:
-        """Take control and arm, at the highest level, with what is pressed as often as it takes.
+        """Take control and arm at the highest level; repeat until the robot is ready.
 
-        A page that stalls, as while it is loading, loses control on the way; one that is slow when
-        it takes control asks for a lease for far links, which is slower.
+        A page that stalls, for example while loading, loses control. A page that is slow when it
+        takes control requests a lease for far links, which has a lower speed.
         """
         end_s = time.monotonic() + PATIENCE_S
         said = f"{self.element('[role=status][aria-label=Mode]')}.textContent.toLowerCase()"
