@@ -19,7 +19,8 @@ from pathlib import Path
 
 from attack.live import program, seconds_until
 from attack.table import Row
-from tests.support.key_folders import OPERATOR, free_endpoint, make_router_keys
+from tests.support.key_folders import OPERATOR, make_router_keys
+from tests.support.link_sockets import free_port
 from tests.support.page_client import Page
 from tests.support.programs import Program, follow_trace
 from tests.support.robot_node import QUICK
@@ -105,7 +106,7 @@ class Lab:
         self.trace = Trace(trace)
         stack.callback(self.trace.close)
         config = str(self._keys / f"{OPERATOR}.json5")
-        listen = free_endpoint()
+        listen = f"tcp/127.0.0.1:{free_port()}"
         host = listen.removeprefix("tcp/")
         web = ("tsd_dashboard", "--port", "0", "--zenoh-config", config, "--allow-host", host)
         (port,) = re.findall(

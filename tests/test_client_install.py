@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-from tests.packaging import build, outside_environment, pip_into, run_outside
+from tests.built_package import build, outside_environment, pip_into, run_outside
 from tests.support.markdown_pages import ROOT, code, page
 from tests.support.robot_node import PATIENT
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.packaging import build, outside_environment, pip_into, run_outside
+from tests.built_package import build, outside_environment, pip_into, run_outside
 
 ROOT = Path(__file__).parent.parent
 NEEDED = (

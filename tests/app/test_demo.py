@@ -16,6 +16,7 @@ from urllib.parse import urlsplit
 import pytest
 
 import tsd_twin
+from tests.support.link_sockets import free_port
 from tests.support.programs import PATIENCE_S, Program, alive, children_of
 
 pytestmark = pytest.mark.system
@@ -127,9 +128,7 @@ def test_a_mistake_in_the_robot_is_told_once(start: Start) -> None:
 
 
 def test_a_dashboard_without_a_robot_serves_and_waits_for_one(start: Start) -> None:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
     dashboard = start("tsd_dashboard", "--port", "0", "--connect", endpoint)
     url = address(dashboard.ready())
     report = health(url)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import shlex
-import socket
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from tests.support.link_sockets import free_port
 from tests.support.programs import PATIENCE_S, Program
 from tsd_twin.bus import Bus, from_file
 from tsd_twin.messages.topics import Service
@@ -21,9 +21,7 @@ Start = Callable[..., Program]
 @pytest.fixture
 def fleet(start: Start, tmp_path: Path) -> Path:
     """Router folder with two reserved robots."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        where = f"tls/127.0.0.1:{probe.getsockname()[1]}"
+    where = f"tls/127.0.0.1:{free_port()}"
     robots = ("--robot", "lab1", "--robot", "lab2", "--operator", "alice", "--robots", "lab1")
     flags = ("--router-host", "127.0.0.1", "--listen", where, *robots)
     assert start("tsd_certs", str(tmp_path / "fleet"), *flags).wait() == 0

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import secrets
-import socket
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from typing import Any
 import pytest
 from websockets.sync.client import ClientConnection, connect
 
+from tests.support.link_sockets import free_port
 from tests.support.programs import Program
 
 pytestmark = pytest.mark.system
@@ -26,12 +26,9 @@ _AGAIN = 10
 @pytest.fixture
 def keys(start: Start, tmp_path: Path) -> Path:
     """Keys for a robot on this machine, an operator and a viewer."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
     folder = tmp_path / "keys"
     people = ("--operator", "alice", "--viewer", "guest")
-    where = ("--robot-host", "127.0.0.1", "--listen", f"tls/127.0.0.1:{port}")
+    where = ("--robot-host", "127.0.0.1", "--listen", f"tls/127.0.0.1:{free_port()}")
     assert start("tsd_certs", str(folder), *people, *where).wait() == 0
     start("tsd_mock", "--zenoh-config", str(folder / "robot.json5")).ready()
     return folder

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import socket
 import time
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
@@ -11,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.link_sockets import free_port
 from tests.support.programs import PATIENCE_S, Program
 from tsd_twin.bus import Bus, from_file
 from tsd_twin.errors import BusError, NoAnswerError
@@ -25,12 +25,6 @@ pytestmark = pytest.mark.system
 
 Start = Callable[..., Program]
 LEFT_S = 8.0
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 @pytest.fixture

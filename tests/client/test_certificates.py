@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import socket
 from collections.abc import Generator
 from pathlib import Path
 
 import pytest
 
 import tsd_twin
+from tests.support.link_sockets import free_port
 from tests.support.programs import Program
 from tsd_twin.errors import TwinError
 
@@ -19,12 +19,9 @@ pytestmark = pytest.mark.system
 @pytest.fixture(scope="module")
 def keys(tmp_path_factory: pytest.TempPathFactory) -> Generator[Path]:
     """Keys for a running robot on this machine, an operator and a viewer."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
     folder = tmp_path_factory.mktemp("certificates") / "keys"
     people = ("--operator", "alice", "--viewer", "guest")
-    where = ("--robot-host", "127.0.0.1", "--listen", f"tls/127.0.0.1:{port}")
+    where = ("--robot-host", "127.0.0.1", "--listen", f"tls/127.0.0.1:{free_port()}")
     certs = Program(["tsd_certs", str(folder), *people, *where])
     mock = None
     try:

@@ -7,16 +7,15 @@ import contextlib
 import json
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any, ClassVar, cast
 
 import msgspec
 import numpy as np
-from aiohttp import WSMessage, WSMsgType
 
 from tests.support.memory_bus import MemoryBus
 from tests.support.scene_doubles import EmptyScene
+from tests.support.virtual_fleet import FleetPage
 from tests.support.virtual_robot import VirtualRobot
 from tsd_twin.adapters.fleet import Fleet
 from tsd_twin.adapters.foxglove.live import FoxgloveSource, LiveOperator
@@ -147,19 +146,6 @@ class ServosAtComputer(ScriptSource):
     bus_servos = True
 
 
-class _Socket:
-    """WebSocket of a page that records sent messages."""
-
-    def __init__(self) -> None:
-        self.sent: list[dict[str, Any]] = []
-
-    async def send_str(self, text: str) -> None:
-        self.sent.append(json.loads(text))
-
-    async def close(self, **_: Any) -> None:
-        """It has no other end."""
-
-
 class PageSource(CommandSource):
     """A page of the dashboard: its session, lease client and dead-man switch."""
 
@@ -167,7 +153,7 @@ class PageSource(CommandSource):
         self._link = RobotMonitor(self.open_bus(), self.robot.id)
         self._manager = SessionManager({self._link.id: self._link}, EmptyScene())
         self._manager.open()
-        self._socket, self._inbox = _Socket(), asyncio.Queue[WSMessage]()
+        self._page = FleetPage()
         self._tasks = [asyncio.create_task(self._poll()), asyncio.create_task(self._beat())]
         await self._link_is_up()
         principal = Principal(BusIdentity("page", Role.OPERATOR), may_stop=True)
@@ -175,8 +161,8 @@ class PageSource(CommandSource):
             PageSocket(
                 "0" * 16,
                 principal,
-                cast("Any", self._socket),
-                self._messages(),
+                cast("Any", self._page),
+                self._page.messages(),
                 contextlib.nullcontext(),
             )
         )
@@ -195,23 +181,16 @@ class PageSource(CommandSource):
 
     async def _beat(self) -> None:
         while True:
-            self._send(t="heartbeat", status_seq=self._link.snapshot.status_seq, sent_ms=0.0)
+            self._page.send(t="heartbeat", status_seq=self._link.snapshot.status_seq, sent_ms=0.0)
             await asyncio.sleep(0.2)
-
-    async def _messages(self) -> AsyncIterator[WSMessage]:
-        while True:
-            yield await self._inbox.get()
-
-    def _send(self, **message: Any) -> None:
-        self._inbox.put_nowait(WSMessage(WSMsgType.TEXT, json.dumps(message), None))
 
     async def _answer(self, to: str, **message: Any) -> str:
         """Send a request; return the refusal, or empty."""
-        self._socket.sent.clear()
-        self._send(**message)
+        self._page.received.clear()
+        self._page.send(**message)
         end_s = self._until()
         while self.robot.clock.now_s < end_s:
-            for each in self._socket.sent:
+            for each in self._page.received:
                 if each["t"] == "reply" and each["to"] == to:
                     if each["ok"]:
                         return ""
@@ -231,9 +210,9 @@ class PageSource(CommandSource):
     def push(self, vx_mps: float, age_s: float = 0.0) -> None:
         seen = self.seen_at(age_s) if age_s else self._link.snapshot.status_seq
         if vx_mps == 0.0:
-            self._send(t="release")
+            self._page.send(t="release")
         else:
-            self._send(t="drive", vx=vx_mps, vy=0.0, omega=0.0, status_seq=seen)
+            self._page.send(t="drive", vx=vx_mps, vy=0.0, omega=0.0, status_seq=seen)
 
     async def close(self) -> None:
         for task in self._tasks:

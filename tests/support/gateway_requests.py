@@ -15,6 +15,7 @@ from functools import cache
 from pathlib import Path
 from urllib.parse import urlencode, urlsplit
 
+from tests.support.link_sockets import free_port
 from tests.support.markdown_pages import code, page
 from tests.support.page_client import PATIENCE_S
 from tests.support.withheld import Stopwatch
@@ -231,9 +232,7 @@ class Proxy:
 @contextmanager
 def nginx(folder: Path, keys: Path) -> Generator[Proxy]:
     """Yield a proxy that starts later, because it and the dashboard need each other's address."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        made = Proxy(folder, keys, probe.getsockname()[1])
+    made = Proxy(folder, keys, free_port())
     try:
         yield made
     finally:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -11,6 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from tests.support.link_sockets import free_port
 from tsd_twin import security
 from tsd_twin.bus import client_config, from_file, node_config
 from tsd_twin.security import Role
@@ -61,16 +61,9 @@ def commanders(path: Path) -> set[str]:
 OPERATOR = "alice"
 
 
-def free_endpoint() -> str:
-    """Return an unused TCP endpoint."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-
-
 def make_router_keys(folder: Path, robots: Sequence[str]) -> str:
     """Write the configurations of a router, its robots and an operator; return the endpoint."""
-    endpoint = free_endpoint().replace("tcp/", "tls/")
+    endpoint = f"tls/127.0.0.1:{free_port()}"
     router = ["--router-host", "127.0.0.1", "--listen", endpoint]
     names = [flag for robot in robots for flag in ("--robot", robot)]
     rights = ["--operator", OPERATOR, "--robots", ",".join(robots)]

@@ -23,6 +23,12 @@ class Ends(NamedTuple):
     target: socket.socket
 
 
+def free_port() -> int:
+    """Return a free TCP port."""
+    with socket.create_server(ANY) as probe:
+        return probe.getsockname()[1]
+
+
 def port_of(endpoint: str) -> int:
     return int(endpoint.rpartition(":")[2])
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import socket
 import subprocess
 import sys
 import time
@@ -11,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.link_sockets import free_port
 from tests.support.robot_node import PATIENCE_S
 from tests.support.withheld import REALTIME
 from tsd_twin import client
@@ -29,8 +29,7 @@ def certs(folder: Path, *flags: str) -> None:
 @pytest.fixture(scope="module")
 def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("keys") / "keys"
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        listen = f"tls/127.0.0.1:{free.getsockname()[1]}"
+    listen = f"tls/127.0.0.1:{free_port()}"
     people = ("--operator", "alice", "--operator", "bob")
     certs(folder, "--robot-host", "127.0.0.1", *people, "--listen", listen, "--signed")
     return folder
