@@ -40,6 +40,8 @@ UNIONS = {
     for text in _STRING.findall(source)
 }
 """Strings in sources that declare codes and unions, used as keys elsewhere."""
+REFUSED = {text for source in PAGE.values() for text in _STRING.findall(source)}
+"""Strings in all sources, including each code with which the page refuses something."""
 
 
 def read(name: str) -> Source:
@@ -71,6 +73,8 @@ def named_by(area: str) -> tuple[set[str], set[str]]:
 def is_used(path: tuple[str, ...]) -> bool:
     """Return whether a source in a folder using the area names the key, or others define it."""
     *table, key = (each for each in path if not each.isdigit())  # A list is used as a whole.
+    if table == ["common", "refusals"]:
+        return key in REFUSED
     names, strings = named_by(table[0])
     if ".".join(table) in LOOKED_UP:
         is_field = set(key.lower().split()) <= WORDS_OF_MESSAGES

@@ -15,7 +15,6 @@ export class RenderThrottle {
   paused = false;
   readonly #next = window.requestAnimationFrame.bind(window);
   readonly #wanted = new Map<number, FrameRequestCallback>();
-  readonly #onDrawn: () => void;
   #canvas: HTMLCanvasElement | null = null;
   #context: WebGL2RenderingContext | null = null;
   #fence: WebGLSync | null = null; // Signalled when the frame has been drawn.
@@ -26,8 +25,7 @@ export class RenderThrottle {
   #asked = false;
 
   /** `onDrawn` is called after each drawn frame. */
-  constructor(onDrawn: () => void) {
-    this.#onDrawn = onDrawn;
+  constructor(private readonly onDrawn: () => void) {
     window.requestAnimationFrame = (callback) => {
       this.#wanted.set(++this.#number, callback);
       this.#ask();
@@ -54,7 +52,7 @@ export class RenderThrottle {
       this.#restUntilMs = this.#slow ? Math.min(nowMs + tookMs, this.#begunMs + LOST_MS) : 0;
       this.#context?.deleteSync(this.#fence);
       this.#fence = null;
-      this.#onDrawn();
+      this.onDrawn();
     }
     const late = this.#fence !== null && (this.#slow || nowMs - this.#begunMs > SLOW_MS);
     return !this.paused && !late && nowMs >= this.#restUntilMs;

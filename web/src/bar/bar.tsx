@@ -21,7 +21,7 @@ export function Bar() {
   const { bar } = texts();
   useLogin(link);
   const toggle = () => (opened.value = opened.peek() === "sheet" ? null : "sheet");
-  useEffect(() => keyboard.bind("?", toggle), [keyboard]);
+  useEffect(() => keyboard.bind({ "?": toggle }), [keyboard]);
   const isFleet = layout.screen.value === "fleet";
   return (
     <header class="bar">

@@ -97,9 +97,7 @@ export function NameDialog({ opened }: OpenedProps) {
           onClose={close}
         />
       ) : (
-        <Button edge onPress={() => void logOut()}>
-          {bar.logOut}
-        </Button>
+        <Button edge onPress={() => void logOut()} children={bar.logOut} />
       )}
     </Dialog>
   );
@@ -176,9 +174,7 @@ function LineForm({ label, initial, most, action, onSend, onClose }: LineFormPro
         </span>
       </label>
       <p class="note">{texts().bar.spaceTypes}</p>
-      <Button edge submit>
-        {action}
-      </Button>
+      <Button edge submit children={action} />
     </form>
   );
 }

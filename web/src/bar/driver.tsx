@@ -27,7 +27,6 @@ export function Named({ text, name }: { text: (name: string) => string; name: st
 /** Who has control of the robot; null if the page cannot know. */
 export function useLease() {
   const { link } = useSession();
-  void link.beat.value; // A robot falls silent without a message.
   const state = link.state.value;
   if (freshness(link).kind !== "live" || state === null) return null;
   const { lease, mode } = state.status;

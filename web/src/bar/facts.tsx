@@ -3,31 +3,14 @@
 import { useSession } from "../session";
 import { freshness, isCurrent } from "../store/freshness";
 import { quality } from "../store/quality";
-import { figure } from "../text/numbers";
-import { texts } from "../text/text";
+import { figure, texts } from "../text/text";
 import { Button } from "../ui/button";
 import { Figure } from "../ui/figure";
-import { Icon, type IconName } from "../ui/icon";
-
-/** Icons of modes, and of the entries that replace an unknown mode. */
-const ICONS: Record<string, IconName> = {
-  disarmed: "ring",
-  arming: "half",
-  ready: "full",
-  driving: "play",
-  stopping: "pause",
-  stopped: "stopsign",
-  fault: "warn",
-  recorded: "previous",
-  starting: "half",
-  silent: "warn",
-  offline: "warn",
-};
+import { Icon, MODE_ICONS } from "../ui/icon";
 
 export function Mode() {
   const { link } = useSession();
   const { bar, common } = texts();
-  void link.beat.value; // A robot falls silent without a message.
   const fresh = freshness(link);
   const isLive = fresh.kind === "live";
   const kind = isLive ? (link.state.value?.status.mode ?? "") : fresh.kind;
@@ -35,7 +18,7 @@ export function Mode() {
   const text = isLive ? (common.modes[kind] ?? kind) : unknown;
   return (
     <span class={`mode ${kind}`} role="status" aria-label={common.mode}>
-      <Icon name={ICONS[kind] ?? "ring"} />
+      <Icon name={MODE_ICONS[kind] ?? "ring"} />
       {fresh.kind === "recorded" ? bar.recordings[fresh.by] : text}
     </span>
   );
@@ -45,7 +28,6 @@ export function Mode() {
 export function LinkFact() {
   const { link, layout } = useSession();
   const { bar } = texts();
-  void link.beat.value;
   const { kind } = freshness(link);
   if (kind === "recorded" || kind === "starting" || kind === "no_robot") return null;
   const { grade, bad, figure: of } = quality(link);
@@ -70,7 +52,6 @@ export function LinkFact() {
 export function Battery() {
   const { link } = useSession();
   const { bar } = texts();
-  void link.beat.value;
   const status = link.state.value?.status;
   const volts = status?.hardware["battery_v"];
   if (status === undefined || typeof volts !== "number") return null;

@@ -4,11 +4,10 @@ import { useLayoutEffect, useMemo, useRef } from "preact/hooks";
 import { CENTRED } from "../drive/axes";
 import { SprungControl } from "../drive/sprung";
 import { useSession } from "../session";
-import { figure } from "../text/numbers";
 import { refusalText, words } from "../text/reasons";
-import { texts } from "../text/text";
-import { sliderHandlers } from "../timeline/slider";
+import { figure, texts } from "../text/text";
 import { Button, NextStep } from "../ui/button";
+import { sliderHandlers, sliderValue } from "../ui/slider";
 import { type Action, speedOf, type Step, stepOf, unitOf } from "./steps";
 
 export function Slot() {
@@ -72,12 +71,7 @@ function Act({ action, isQuiet = false }: { action: Action; isQuiet?: boolean })
     refused: refused ? refusalText(refused) : null,
     onPress: () => (isRequest ? requests.send(does) : does()),
   };
-  if (isQuiet)
-    return (
-      <Button edge {...act}>
-        {text}
-      </Button>
-    );
+  if (isQuiet) return <Button edge {...act} children={text} />;
   return (
     <NextStep {...act} hold={hold} busy={isRequest && requests.isPending(does.t)}>
       {text}
@@ -141,12 +135,9 @@ function Speed() {
       </p>
       <div
         {...handlers}
+        {...sliderValue(LEAST * active, active, limit, `${figure(limit, 2)} ${deck.units[unit]}`)}
         class="cap"
         aria-label={deck.limit}
-        aria-valuemin={LEAST * active}
-        aria-valuemax={active}
-        aria-valuenow={limit}
-        aria-valuetext={`${figure(limit, 2)} ${deck.units[unit]}`}
         title={why === "" ? undefined : deck.slower(why)}
         style={{ "--limit": percent(limit) }}
       >

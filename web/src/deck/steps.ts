@@ -9,9 +9,8 @@ import type { Link } from "../store/link";
 import { isLatched, isMoving, type Refusal } from "../store/permission";
 import { whyNotArm, whyNotDrive, whyNotReset, whyNotTakeControl } from "../store/permission";
 import { controlTerms, type Request } from "../store/requests";
-import { duration, figure } from "../text/numbers";
 import { nameOf, refusalText, sentence } from "../text/reasons";
-import { texts } from "../text/text";
+import { duration, figure, texts } from "../text/text";
 import { clock } from "../timeline/clock";
 import { backToLive } from "../timeline/past";
 

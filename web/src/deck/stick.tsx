@@ -5,9 +5,9 @@ import { type Deflection, isOnFloor, limited, onScreen, scaled } from "../drive/
 import { SprungControl } from "../drive/sprung";
 import { useSession } from "../session";
 import { currentState } from "../store/freshness";
-import { degrees, figure } from "../text/numbers";
-import { texts } from "../text/text";
+import { degrees, figure, texts } from "../text/text";
 import { Button } from "../ui/button";
+import { sliderValue } from "../ui/slider";
 import { SprungSlider, useSprungSlider } from "../ui/sprung_slider";
 import { unitOf, whyOff } from "./steps";
 
@@ -76,13 +76,8 @@ function HiddenSlider({ axis }: { axis: "x" | "y" }) {
     <div
       ref={control.attach}
       class="sr"
-      role="slider"
-      tabIndex={0}
       aria-label={texts().deck.axes[axis]}
-      aria-valuemin={-most}
-      aria-valuemax={most}
-      aria-valuenow={value}
-      aria-valuetext={spokenOf(axis, value, unitOf(link))}
+      {...sliderValue(-most, most, value, spokenOf(axis, value, unitOf(link)))}
     />
   );
 }

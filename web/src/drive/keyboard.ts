@@ -51,14 +51,17 @@ export class Keyboard implements Source {
   }
 
   /**
-   * Call `pressed` when a key is pressed that nothing with the focus takes, and `released`, for a
-   * key that is held, when it comes up, wherever the focus is then.
+   * Call the command of a key when it is pressed and nothing with the focus takes it, and `released`,
+   * for a key that is held, when it comes up, wherever the focus is then.
    */
-  bind(code: string, pressed: Command, released?: Command): () => void {
-    const binding = { pressed, released };
-    this.#commands.set(code, binding);
+  bind(keys: Record<string, Command>, released?: Command): () => void {
+    const bound = Object.entries(keys).map(
+      ([code, pressed]) => [code, { pressed, released }] as const,
+    );
+    for (const [code, binding] of bound) this.#commands.set(code, binding);
     return () => {
-      if (this.#commands.get(code) === binding) this.#commands.delete(code);
+      for (const [code, binding] of bound)
+        if (this.#commands.get(code) === binding) this.#commands.delete(code);
     };
   }
 

@@ -8,7 +8,7 @@ import { stillHolds, isLatched, type Refusal, whyNotDrive, whyNotPlan } from "..
 import { isOnFloor } from "./axes";
 import type { Drive, Source } from "./drive";
 import { HeldKeys } from "./held";
-import type { Keyboard } from "./keyboard";
+import type { Key, Keyboard } from "./keyboard";
 import type { Holder, SprungControl } from "./sprung";
 
 /** How the robot is driven: by the controls, to a point, or along a drawn line. */
@@ -44,13 +44,10 @@ export class Path implements Source, Holder {
     keyboard: Keyboard,
   ) {
     drive.add(this);
-    keyboard.bind(
-      "KeyG",
-      (key) => {
-        if (this.#keys.take(key) && !(this.offered.peek() && this.hold())) this.#keys.cancel();
-      },
-      (key) => this.#keys.take(key) && this.letGo(),
-    );
+    const press = (key: Key) => {
+      if (this.#keys.take(key) && !(this.offered.peek() && this.hold())) this.#keys.cancel();
+    };
+    keyboard.bind({ KeyG: press }, (key) => this.#keys.take(key) && this.letGo());
     // After the dialogs and menus, which keep their Escape.
     addEventListener("keydown", ({ code, repeat }) => {
       if (code === "Escape" && !repeat && this.offered.peek()) this.clear();

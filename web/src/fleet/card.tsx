@@ -1,21 +1,13 @@
 // Card of a robot: its mode, its driver, and its STOP.
 
 import { useSession } from "../session";
-import { duration } from "../text/numbers";
 import { nameOf, sentence } from "../text/reasons";
-import { texts } from "../text/text";
+import { duration, texts } from "../text/text";
 import { Button } from "../ui/button";
 import { Figure } from "../ui/figure";
-import { Icon, type IconName } from "../ui/icon";
-import { Portrait } from "../ui/portrait";
+import { Icon, MODE_ICONS } from "../ui/icon";
+import { Outline, Portrait } from "../ui/portrait";
 import type { Row } from "./store";
-
-const MODE_ICONS: Record<string, IconName> = {
-  driving: "play",
-  stopped: "stopsign",
-  fault: "warn",
-  ready: "full",
-};
 
 export function Card({ row }: { row: Row }) {
   const { layout, link } = useSession();
@@ -31,7 +23,7 @@ export function Card({ row }: { row: Row }) {
     <li class={`rc ${state}`} style={{ "--c": row.colour }}>
       <div class="top">
         <Portrait robot={row.id}>
-          <Outline row={row} />
+          <Outline class="outline" panel={row.panel} wheels={row.wheel_count} />
         </Portrait>
         <h3 title={row.title}>
           <bdi>{row.id}</bdi>
@@ -43,29 +35,10 @@ export function Card({ row }: { row: Row }) {
       </div>
       <Facts row={row} />
       <div class="act">
-        <Button label={fleet.lookAt(row.id)} onPress={look}>
-          {fleet.look}
-        </Button>
+        <Button label={fleet.lookAt(row.id)} onPress={look} children={fleet.look} />
         <StopOf row={row} />
       </div>
     </li>
-  );
-}
-
-/** Robot from above, with its front up. */
-function Outline({ row: { panel, wheel_count: count } }: { row: Row }) {
-  const isSphere = panel === "sphere";
-  const [height, corner] = panel === "gimbals" ? [16, 8] : [7, 2];
-  const turned = (i: number) => `rotate(${((i + (count === 4 ? 0.5 : 0)) * 360) / count})`;
-  const wheel = { x: -8, y: -19 - height / 2, width: 16, height, rx: corner };
-  return (
-    <svg class="outline" viewBox="-30 -30 60 60" aria-hidden="true">
-      {Array.from({ length: isSphere ? 0 : count }, (_, i) => (
-        <rect key={i} class="wheel" transform={turned(i)} {...wheel} />
-      ))}
-      <circle class="body" r={isSphere ? 20 : 16} />
-      <path class="front" d="M0-12l5 8h-10z" />
-    </svg>
   );
 }
 

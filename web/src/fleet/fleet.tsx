@@ -4,17 +4,14 @@ import { useSignal } from "@preact/signals";
 import { useRef } from "preact/hooks";
 import { useSession } from "../session";
 import { texts } from "../text/text";
-import { Icon } from "../ui/icon";
+import { FeedLine } from "../ui/moment";
+import { Icon, MODE_ICONS } from "../ui/icon";
 import { Card, happened } from "./card";
 import { Floor } from "./floor";
 import { arranged } from "./store";
 import "./fleet.css";
 
-const COUNTED = [
-  { mode: "fault", icon: "warn" },
-  { mode: "stopped", icon: "stopsign" },
-  { mode: "driving", icon: "play" },
-] as const;
+const COUNTED = ["fault", "stopped", "driving"] as const;
 
 export function Fleet() {
   const search = useSignal("");
@@ -49,12 +46,12 @@ function Counts() {
   return (
     <p class="counts">
       <b>{fleet.robots(rows.length)}</b>
-      {COUNTED.map(({ mode, icon }) => {
+      {COUNTED.map((mode) => {
         const count = rows.filter((row) => row.mode === mode && !row.silent).length;
         return (
           count > 0 && (
             <span key={mode} class={mode}>
-              <Icon name={icon} /> {fleet.counts[mode](count)}
+              <Icon name={MODE_ICONS[mode]!} /> {fleet.counts[mode](count)}
             </span>
           )
         );
@@ -95,22 +92,14 @@ function Events() {
       <h2>{fleet.events}</h2>
       {events.length === 0 && <p class="note">{fleet.noEvents}</p>}
       <ol class="feed">
-        {events.map((row) => {
-          const at = new Date(row.event!.atMs);
-          return (
-            <li key={`${row.id} ${at.getTime()}`}>
-              <time dateTime={at.toISOString()} title={at.toISOString()}>
-                {at.toLocaleTimeString()}
-              </time>
-              <span>
-                <b>
-                  <bdi title={row.title}>{row.id}</bdi>
-                </b>{" "}
-                {happened(row)}
-              </span>
-            </li>
-          );
-        })}
+        {events.map((row) => (
+          <FeedLine key={`${row.id} ${row.event!.atMs}`} atMs={row.event!.atMs}>
+            <b>
+              <bdi title={row.title}>{row.id}</bdi>
+            </b>{" "}
+            {happened(row)}
+          </FeedLine>
+        ))}
       </ol>
     </section>
   );

@@ -28,10 +28,11 @@ export class FleetStore {
   readonly outcomes = signal<Readonly<Record<string, Outcome | null>>>({});
   /** Whether STOP ALL was pressed since the page was opened. */
   readonly stoppedAll = signal(false);
-  readonly #link: Link;
 
-  constructor(link: Link, shown: () => boolean) {
-    this.#link = link;
+  constructor(
+    private readonly link: Link,
+    shown: () => boolean,
+  ) {
     link.on("fleet", (message) => this.#take(message));
     link.on("stop_result", ({ robot, outcome }) => this.#note(robot, outcome));
     effect(() => {
@@ -58,7 +59,7 @@ export class FleetStore {
   }
 
   #sent(stop: StopCommand): Outcome {
-    return this.#link.send(stop) ? "sent" : "offline";
+    return this.link.send(stop) ? "sent" : "offline";
   }
 
   #note(id: string, outcome: Outcome | null): void {

@@ -7,6 +7,7 @@ import { sentence } from "../text/reasons";
 import { language, texts } from "../text/text";
 import { Fold } from "../ui/fold";
 import { Icon } from "../ui/icon";
+import { FeedLine } from "../ui/moment";
 import { type Band, type GroupKey, Increases, type Row } from "./rows";
 import { inspect, outside } from "./verdict";
 import "./health.css";
@@ -108,17 +109,11 @@ function Feed() {
       <h2 class="t">{words.events}</h2>
       <div class="feed" role="log" aria-label={words.events} tabIndex={0}>
         <ul>
-          {events.map(({ why, atMs }) => {
-            const at = new Date(atMs);
-            return (
-              <li key={`${atMs} ${why.code}`}>
-                <time dateTime={at.toISOString()} title={at.toISOString()}>
-                  {at.toLocaleTimeString(language.value, { timeStyle: "medium" })}
-                </time>
-                <span>{sentence(why)}</span>
-              </li>
-            );
-          })}
+          {events.map(({ why, atMs }) => (
+            <FeedLine key={`${atMs} ${why.code}`} atMs={atMs}>
+              {sentence(why)}
+            </FeedLine>
+          ))}
         </ul>
         {events.length === 0 && <p class="note">{words.noEvents}</p>}
       </div>

@@ -5,9 +5,8 @@ import { quantityOf } from "../plots/fields";
 import { STALE_MS } from "../store/freshness";
 import type { Link } from "../store/link";
 import { FAIR, FAIR_LOSS, GOOD, GOOD_LOSS, jitterMs, quality, roundTripMs } from "../store/quality";
-import { degrees, figure } from "../text/numbers";
 import { sentence } from "../text/reasons";
-import { language, texts } from "../text/text";
+import { degrees, figure, language, texts } from "../text/text";
 
 /** 0: fine, or without a band; 1: look at it; 2: do not drive on. */
 export type Level = 0 | 1 | 2;

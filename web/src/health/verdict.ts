@@ -4,8 +4,7 @@ import { untracked } from "@preact/signals";
 import { freshness, isCurrent, type Freshness } from "../store/freshness";
 import type { Link } from "../store/link";
 import { sentence } from "../text/reasons";
-import { duration } from "../text/numbers";
-import { texts } from "../text/text";
+import { duration, texts } from "../text/text";
 import { type Groups, type Increases, type Level, type Row, rowsOf } from "./rows";
 
 export interface Report {

@@ -3,7 +3,7 @@
 import type { ComponentChildren } from "preact";
 import { onScreen } from "../drive/axes";
 import type { GimbalPose } from "../generated/wire";
-import { degrees } from "../text/numbers";
+import { degrees } from "../text/text";
 
 /** Point on a dial: right and down of its centre. */
 type Point = ReturnType<typeof onScreen>;

@@ -8,9 +8,8 @@ import { GoToForm } from "../scene/goto_form";
 import { useSession } from "../session";
 import { isFlag, remembered } from "../store/memory";
 import { whyNotDrive } from "../store/permission";
-import { figure } from "../text/numbers";
 import { refusalText } from "../text/reasons";
-import { texts } from "../text/text";
+import { figure, texts } from "../text/text";
 import { Quantity } from "../ui/figure";
 import { Fold } from "../ui/fold";
 import { Icon } from "../ui/icon";
@@ -113,7 +112,7 @@ function Axis({ axis, sliders, robot }: AxisProps) {
   const mirrored = axis !== "x"; // Left is on the left.
   const control = useSprungSlider(sliders, axis, mirrored);
   const looks = sliders.mode.value === "looks";
-  const refusal = link.beat.value >= 0 && !looks ? whyNotDrive(link) : null;
+  const refusal = looks ? null : whyNotDrive(link);
   const asked = drive.asked.value[axis];
   const { speed, turn } = drive.scale.value;
   const onFloor = isOnFloor(robot);

@@ -48,9 +48,7 @@ export function FirstDrive() {
           </li>
         ))}
       </ol>
-      <Button edge onPress={close}>
-        {isDone ? texts().common.close : first.skip}
-      </Button>
+      <Button edge onPress={close} children={isDone ? texts().common.close : first.skip} />
     </section>
   );
 }

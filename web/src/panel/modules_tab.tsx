@@ -1,8 +1,7 @@
 // Modules tab: measured values and set-points of each module or wheel, and whether they agree.
 
 import type { RobotState } from "../generated/wire";
-import { figure } from "../text/numbers";
-import { texts } from "../text/text";
+import { figure, texts } from "../text/text";
 import { Sphere } from "./sphere";
 import {
   type Actuator,

@@ -36,7 +36,7 @@ export function Panel() {
   const scrolls = useRef<Partial<Record<Tab, number>>>({});
   const moves = useRef(false); // Whether the button with the focus is about to disappear.
   const toggle = () => (layout.panelOpen.peek() ? layout.fold() : layout.open(layout.tab.peek()));
-  useEffect(() => keyboard.bind("KeyP", toggle), [keyboard]);
+  useEffect(() => keyboard.bind({ KeyP: toggle }), [keyboard]);
   useLayoutEffect(() => {
     moves.current = false; // A phone has no button to open the panel.
     if (body.current) body.current.scrollTop = scrolls.current[tab] ?? 0;

@@ -15,23 +15,20 @@ export type SliderMode = "springs" | "keeps" | "looks";
 export class PanelSliders implements Source, Holder {
   readonly mode = signal<SliderMode>("springs");
   /** Joints of the twist that is looked at, or null. */
-  readonly preview = computed(() => (this.#drive.looksOnly.value ? this.#reply.value : null));
+  readonly preview = computed(() => (this.drive.looksOnly.value ? this.#reply.value : null));
 
-  readonly #drive: Drive;
   readonly #reply = signal<JointPreview | null>(null);
   readonly #controls = new Set<SprungControl>();
   /** Request of each slider that is held, or keeps its value. */
   readonly #asked = new Map<SprungControl, Deflection>();
 
-  constructor(drive: Drive) {
-    this.#drive = drive;
-  }
+  constructor(private readonly drive: Drive) {}
 
   /** Take part in driving; returns a function that ends it, and with it a kept motion. */
   open(): () => void {
-    const { link, looksOnly } = this.#drive;
+    const { link, looksOnly } = this.drive;
     const ends = [
-      this.#drive.add(this),
+      this.drive.add(this),
       link.on("robot", () => this.zero()),
       link.on("preview", (reply) => {
         if (looksOnly.peek() && reply.robot === link.robot.peek()?.id) this.#reply.value = reply;
@@ -42,7 +39,7 @@ export class PanelSliders implements Source, Holder {
 
   get held(): boolean {
     // A page that shows a recording may ask for no preview.
-    return this.#asked.size > 0 && !(this.looksOnly && this.#drive.link.recording !== null);
+    return this.#asked.size > 0 && !(this.looksOnly && this.drive.link.recording !== null);
   }
 
   get alone(): boolean {
@@ -76,8 +73,8 @@ export class PanelSliders implements Source, Holder {
       if (control.held) this.#asked.set(control, control.share);
       else if (!keeps) this.#asked.delete(control);
     }
-    this.#drive.changed();
-    if (!this.#drive.looksOnly.peek()) this.#reply.value = null;
+    this.drive.changed();
+    if (!this.drive.looksOnly.peek()) this.#reply.value = null;
   }
 
   cancel(): void {

@@ -10,9 +10,8 @@ import type {
   WheelState,
 } from "../generated/wire";
 import { useSession } from "../session";
-import { freshness, isCurrent } from "../store/freshness";
-import { figure } from "../text/numbers";
-import { texts } from "../text/text";
+import { currentState } from "../store/freshness";
+import { figure, texts } from "../text/text";
 import { Figure } from "../ui/figure";
 
 /** Data of a robot for the panel. */
@@ -28,8 +27,7 @@ export interface Shown {
 export function useShown(): Shown | null {
   const { link } = useSession();
   const robot = link.robot.value;
-  if (robot === null || link.beat.value < 0) return null;
-  return { robot, state: isCurrent(freshness(link)) ? link.state.value : null };
+  return robot && { robot, state: currentState(link) };
 }
 
 /** A wheel, on its module if it has one. */

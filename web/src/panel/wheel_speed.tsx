@@ -4,9 +4,8 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import type { RobotInfo, WheelSpeedLimits, WheelSpeedStatus } from "../generated/wire";
 import { useSession } from "../session";
 import { whyNotWheelSpeed } from "../store/permission";
-import { degrees, figure } from "../text/numbers";
 import { refusalText } from "../text/reasons";
-import { texts } from "../text/text";
+import { degrees, figure, texts } from "../text/text";
 import { Fold } from "../ui/fold";
 import { useShown } from "./table";
 

@@ -3,9 +3,8 @@
 
 import { useRef } from "preact/hooks";
 import type { JointPreview } from "../generated/wire";
-import { figure } from "../text/numbers";
 import { sentence } from "../text/reasons";
-import { texts } from "../text/text";
+import { figure, texts } from "../text/text";
 import { Dial, endOfAxle, ringRange, tipOf } from "./dial";
 import {
   actuatorsOf,

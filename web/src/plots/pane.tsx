@@ -1,8 +1,7 @@
 // A pane: the fields with their values, each a menu and a thing to drag, and the chart below.
 
 import { useEffect, useRef } from "preact/hooks";
-import { figure } from "../text/numbers";
-import { texts } from "../text/text";
+import { figure, texts } from "../text/text";
 import { Menu } from "../ui/menu";
 import { newChart, stylesOf } from "./chart";
 import type { PlotField } from "./fields";

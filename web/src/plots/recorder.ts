@@ -30,14 +30,12 @@ export class Recorder {
   /** Seconds to add to robot time for time in the recording, or for the clock of this page. */
   offsetS = NaN;
   readonly #kept = remembered<Layouts>("tsd-plots", {}, isLayouts);
-  readonly #link: Link;
   #shared = decode(new URL(location.href).searchParams.get("plots"));
   #arrivedMs = 0;
   #cursorS = NaN;
   #soughtMs = -Infinity;
 
-  constructor(link: Link) {
-    this.#link = link;
+  constructor(private readonly link: Link) {
     link.on("state", (state) => this.#take(state));
     link.on("robot", (robot) => this.#begin(robot));
     link.on("cursor", ({ t_s }) => (this.#cursorS = t_s));
@@ -59,7 +57,7 @@ export class Recorder {
 
   /** Estimated current robot time; it stops with the states. */
   nowS(): number {
-    const sinceMs = this.#link.recording === null ? performance.now() - this.#arrivedMs : 0;
+    const sinceMs = this.link.recording === null ? performance.now() - this.#arrivedMs : 0;
     return this.buffer.newestS + Math.min(sinceMs, STALE_MS) / 1000;
   }
 
@@ -98,9 +96,9 @@ export class Recorder {
   #take(state: RobotState): void {
     if (this.robot === null) return;
     const link = {
-      round_trip_ms: roundTripMs(this.#link),
-      jitter_ms: jitterMs(this.#link),
-      lost_percent: 100 * this.#link.lost,
+      round_trip_ms: roundTripMs(this.link),
+      jitter_ms: jitterMs(this.link),
+      lost_percent: 100 * this.link.lost,
     };
     const sample = { ...state, link };
     this.#arrivedMs = performance.now();
@@ -108,7 +106,7 @@ export class Recorder {
     if (state.robot_s < this.buffer.newestS) this.#clear(); // The robot has restarted.
     const known = this.known.peek();
     this.buffer.add(state.robot_s, (name) => valueOf(known.get(name), sample));
-    const clockS = this.#link.recording === null ? Date.now() / 1000 : this.#cursorS;
+    const clockS = this.link.recording === null ? Date.now() / 1000 : this.#cursorS;
     this.offsetS = clockS - state.robot_s;
   }
 
@@ -119,6 +117,6 @@ export class Recorder {
     const names = this.names.filter((name) => robot.plot_fields.includes(name));
     const { plot } = sample;
     const isSent = Object.keys(plot).length === names.length && names.every((name) => name in plot);
-    if (!isSent) this.#link.send({ t: "plot_fields", names });
+    if (!isSent) this.link.send({ t: "plot_fields", names });
   }
 }

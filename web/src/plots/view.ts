@@ -4,8 +4,7 @@
 import { computed, effect, type Signal, signal } from "@preact/signals";
 import { freshness, isCurrent } from "../store/freshness";
 import type { Link } from "../store/link";
-import { duration } from "../text/numbers";
-import { language, texts } from "../text/text";
+import { duration, language, texts } from "../text/text";
 import { drawCharts, moveCursor, shareOf } from "./chart";
 import type { Recorder } from "./recorder";
 
@@ -21,7 +20,7 @@ export class PlotView {
   readonly dragged = signal<string | null>(null);
   /** Number of drawn pictures, which updates the legend. */
   readonly frame = signal(0);
-  readonly isStale = computed(() => this.link.beat.value >= 0 && !isCurrent(freshness(this.link)));
+  readonly isStale = computed(() => !isCurrent(freshness(this.link)));
   #asked = 0;
   #drawnMs = -Infinity;
 

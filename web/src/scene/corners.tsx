@@ -1,5 +1,6 @@
-// Corners of the view: modes of driving, cameras, and the legend of the scene.
+// Controls on the view: modes of driving, cameras, the legend of the scene, and a way back to the robot.
 
+import { useComputed } from "@preact/signals";
 import { isOnFloor } from "../drive/axes";
 import type { Path } from "../drive/path";
 import {
@@ -10,11 +11,10 @@ import {
   TILT_FACTORS,
 } from "../generated/wire";
 import { useSession } from "../session";
-import { freshness } from "../store/freshness";
+import { freshness, isCurrent } from "../store/freshness";
 import { whyNotPlan } from "../store/permission";
-import { figure } from "../text/numbers";
 import { refusalText, words } from "../text/reasons";
-import { texts } from "../text/text";
+import { figure, texts } from "../text/text";
 import { Button } from "../ui/button";
 import { Segmented } from "../ui/segmented";
 import { PicturePane } from "./picture_pane";
@@ -154,4 +154,35 @@ export function legend(
     { sign: "dash", name: "stopsWithin", shown: onFloor && isShown("stop_envelope") },
   ] as const;
   return rows.filter(({ shown }) => shown);
+}
+
+const ACROSS = 42; // Half axes of the ellipse on which it moves, in percent.
+const DOWN = 36;
+
+/** Arrow at the rim of the picture towards a robot outside it; a click brings the robot back. */
+export function RimArrow() {
+  const { link, view } = useSession();
+  const directionRad = useComputed(() => link.state.value?.camera?.off_screen_rad ?? null).value;
+  if (directionRad === null || !isCurrent(freshness(link))) return null;
+  const left = 50 + ACROSS * Math.cos(directionRad);
+  const top = 50 - DOWN * Math.sin(directionRad);
+  return (
+    <button
+      type="button"
+      class="chip rim-arrow"
+      aria-label={texts().scene.home}
+      title={texts().scene.home}
+      style={{ left: `${left.toFixed(1)}%`, top: `${top.toFixed(1)}%` }}
+      onClick={() => view.set({}, true)}
+    >
+      <svg
+        class="i"
+        viewBox="0 0 24 24"
+        aria-hidden="true"
+        style={{ rotate: `${-directionRad}rad` }}
+      >
+        <path d="M4 12h15M13 6l6 6-6 6" />
+      </svg>
+    </button>
+  );
 }

@@ -1,12 +1,7 @@
 // The part of the picture that nothing covers. The dashboard frames the robot in it.
 
 /** Edges in pixels or fractions, to the right and down. */
-export interface Box {
-  left: number;
-  top: number;
-  right: number;
-  bottom: number;
-}
+export type Box = Pick<DOMRect, "left" | "top" | "right" | "bottom">;
 
 /** Takes fractions of the picture, and its height in pixels. */
 export type Report = (free: Box, height: number) => void;

@@ -2,11 +2,10 @@
 
 import { isOnFloor } from "../drive/axes";
 import { useSession } from "../session";
-import { freshness, isCurrent } from "../store/freshness";
+import { currentState } from "../store/freshness";
 import { whyNotPlan } from "../store/permission";
-import { degrees, figure } from "../text/numbers";
 import { refusalText } from "../text/reasons";
-import { texts } from "../text/text";
+import { degrees, figure, texts } from "../text/text";
 import { Button } from "../ui/button";
 
 const MOST = 10_000; // Limit of a message.
@@ -15,7 +14,7 @@ export function GoToForm() {
   const { link, path } = useSession();
   const { form: words } = texts().scene;
   if (!isOnFloor(link.robot.value)) return null;
-  const pose = isCurrent(freshness(link)) ? link.state.value?.pose : null;
+  const pose = currentState(link)?.pose;
   const refusal = whyNotPlan(link);
   const submit = (event: SubmitEvent) => {
     event.preventDefault();
@@ -55,9 +54,7 @@ export function GoToForm() {
           </span>
         </label>
       ))}
-      <Button edge submit refused={refusal && refusalText(refusal)}>
-        {words.plan}
-      </Button>
+      <Button edge submit refused={refusal && refusalText(refusal)} children={words.plan} />
       <p class="note" role="status">
         {refusal ? refusalText(refusal) : next}
       </p>

@@ -2,7 +2,7 @@
 // the stick with the axes of the floor.
 
 import { signal } from "@preact/signals";
-import { figure } from "../text/numbers";
+import { figure } from "../text/text";
 import type { Pixel, Point } from "./pick";
 
 const [LEAST_SPAN_M, MOST_SPAN_M] = [0.5, 64];

@@ -35,22 +35,20 @@ export class Picker {
   readonly stroke = signal<readonly Pixel[]>([]);
   /** Width and height of the surface. */
   readonly size = signal<Pixel>([1, 1]);
-  readonly surface: Surface;
-  readonly #path: Path;
 
-  constructor(path: Path, surface: Surface) {
-    this.#path = path;
-    this.surface = surface;
-  }
+  constructor(
+    private readonly path: Path,
+    readonly surface: Surface,
+  ) {}
 
   /** The goal in pixels, until its path has ended; reads signals. */
   goal(): Goal | null {
     const drawn = this.stroke.value;
     if (drawn.length > 0) return this.#draws ? null : goalOf(drawn[0]!, drawn[1]);
-    const { route } = this.#path;
+    const { route } = this.path;
     if (route.value !== null && isOver(route.value)) return null;
     const [at, facing] = this.#wished("to");
-    const heading = this.#path.wish.value?.heading ?? null;
+    const heading = this.path.wish.value?.heading ?? null;
     if (at === undefined) return null;
     if (facing !== undefined || heading === null) return goalOf(at, facing);
     const [right, down] = [-Math.sin(heading), -Math.cos(heading)]; // On the map, x is up.
@@ -60,7 +58,7 @@ export class Picker {
   /** The drawn line, until its path is planned and shown instead; reads signals. */
   line(): readonly Pixel[] {
     if (this.stroke.value.length > 0) return this.#draws ? this.stroke.value : [];
-    const isPlanned = (this.#path.route.value?.phase ?? "planning") !== "planning";
+    const isPlanned = (this.path.route.value?.phase ?? "planning") !== "planning";
     return isPlanned ? [] : this.#wished("draw");
   }
 
@@ -68,7 +66,7 @@ export class Picker {
   begin(pixel: Pixel): void {
     const goal = this.#draws ? null : untracked(() => this.goal());
     const turns = goal !== null && distance(goal.handle, pixel) <= GRAB_PX;
-    if (!this.#path.held) this.stroke.value = turns ? [goal.at, pixel] : [pixel];
+    if (!this.path.held) this.stroke.value = turns ? [goal.at, pixel] : [pixel];
   }
 
   move(pixel: Pixel): void {
@@ -83,12 +81,12 @@ export class Picker {
     const { on, toPlace } = this.surface;
     const points = thinned(this.stroke.peek()).map((pixel) => toPlace(pixel, this.size.peek()));
     this.cancel();
-    if (points.length === 0 || this.#path.held) return;
+    if (points.length === 0 || this.path.held) return;
     const wish: Wish = { kind: this.#draws ? "draw" : "to", on, points };
-    this.#path.plan(wish);
+    this.path.plan(wish);
     // In that mode the goal can be turned by its handle.
-    const isPlanned = this.#path.wish.peek() === wish;
-    if (isPlanned && this.#path.mode.peek() === "stick") this.#path.choose("to");
+    const isPlanned = this.path.wish.peek() === wish;
+    if (isPlanned && this.path.mode.peek() === "stick") this.path.choose("to");
   }
 
   cancel(): void {
@@ -96,13 +94,13 @@ export class Picker {
   }
 
   get #draws(): boolean {
-    return this.#path.mode.peek() === "draw";
+    return this.path.mode.peek() === "draw";
   }
 
   /** Pixels of the last request. */
   #wished(kind: Wish["kind"]): Pixel[] {
     const { on, toPixel } = this.surface;
-    const wish = this.#path.wish.value;
+    const wish = this.path.wish.value;
     if (wish?.kind !== kind || wish.on !== on) return [];
     return wish.points.map((place) => toPixel(place, this.size.value));
   }

@@ -2,8 +2,7 @@
 
 import { useEffect, useRef } from "preact/hooks";
 import { useSession } from "../session";
-import { figure } from "../text/numbers";
-import { texts } from "../text/text";
+import { figure, texts } from "../text/text";
 import { Button } from "../ui/button";
 import { Icon } from "../ui/icon";
 import { LATE_MS, OLD_MS, type PictureFeed } from "./picture_feed";

@@ -9,11 +9,10 @@ import { freshness, isCurrent } from "../store/freshness";
 import { refusalText } from "../text/reasons";
 import { texts } from "../text/text";
 import { Viewport } from "../viewport/frame";
-import { Cameras, Legend, Modes } from "./corners";
+import { Cameras, Legend, Modes, RimArrow } from "./corners";
 import { type Report, watchFreeRectangle } from "./free_rectangle";
 import { FloorMap, MapInset } from "./map";
 import { PicturePicker } from "./pick";
-import { RimArrow } from "./rim_arrow";
 import { Splash } from "./splash";
 import "./scene.css";
 
@@ -84,7 +83,6 @@ function Picture({ isCovered }: { isCovered: boolean }) {
   }, [session]);
   const rests = isCovered || hidden.value;
   useEffect(() => viewport?.pause(rests), [viewport, rests]);
-  void session.link.beat.value;
   const fresh = freshness(session.link);
   const isOld = viewport?.ready.value && !isCurrent(fresh) && fresh.kind !== "starting";
   return (
@@ -109,13 +107,10 @@ function NoticeLine() {
 }
 
 function bindKeys({ keyboard, view }: Session, map: FloorMap): () => void {
-  const ends = CAMERA_PRESETS.flatMap((camera, i) =>
-    ["Digit", "Numpad"].map((key) =>
-      keyboard.bind(`${key}${i + 1}`, () => view.set({ camera }, true)),
-    ),
+  const cameras = CAMERA_PRESETS.flatMap((camera, i) =>
+    ["Digit", "Numpad"].map((key) => [`${key}${i + 1}`, () => view.set({ camera }, true)]),
   );
-  ends.push(keyboard.bind("KeyN", () => map.toggle()));
-  return () => ends.forEach((end) => end());
+  return keyboard.bind({ ...Object.fromEntries(cameras), KeyN: () => map.toggle() });
 }
 
 /** Send the free rectangle when it changes, and to each new connection. */

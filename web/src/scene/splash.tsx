@@ -2,11 +2,10 @@
 // does not block STOP.
 
 import { useEffect, useState } from "preact/hooks";
-import type { RobotInfo } from "../generated/wire";
 import { useSession } from "../session";
 import { freshness } from "../store/freshness";
 import { texts } from "../text/text";
-import { Portrait } from "../ui/portrait";
+import { Outline, Portrait } from "../ui/portrait";
 import type { Viewport } from "../viewport/frame";
 
 const STEPS = ["connecting", "robot", "loading", "drawing"] as const;
@@ -24,15 +23,11 @@ export function Splash({ viewport }: { viewport: Viewport }) {
   const at = [link.connected.value, robot !== null, viewport.loaded.value, false].indexOf(false);
   const noRobot = freshness(link).kind === "no_robot";
   const step = slow && viewport.loaded.value ? "slow" : STEPS[at]!;
+  const wheels = robot?.modules.length || robot?.wheels.length || 0;
+  const outline = <Outline class="silhouette" panel={robot?.panel} wheels={wheels} />;
   return (
     <div class="splash" role="group" aria-label={splash.label}>
-      {robot && !link.recording ? (
-        <Portrait robot={robot.id}>
-          <Silhouette robot={robot} />
-        </Portrait>
-      ) : (
-        <Silhouette robot={robot} />
-      )}
+      {robot && !link.recording ? <Portrait robot={robot.id}>{outline}</Portrait> : outline}
       {robot && (
         <strong>
           <bdi>{robot.title}</bdi>
@@ -41,21 +36,5 @@ export function Splash({ viewport }: { viewport: Viewport }) {
       <p role="status">{noRobot ? texts().common.refusals.no_robot : splash[step]}</p>
       <progress max={STEPS.length} value={at} aria-label={splash.label} />
     </div>
-  );
-}
-
-/** Outline of a robot from above: a ball, or a body among its wheels. */
-function Silhouette({ robot }: { robot: RobotInfo | null }) {
-  const count = robot ? robot.modules.length || robot.wheels.length : 0;
-  const isRound = robot?.panel === "sphere";
-  const turned = (i: number) => `rotate(${((i + (count === 4 ? 0.5 : 0)) * 360) / count})`;
-  return (
-    <svg class="silhouette" viewBox="-50 -50 100 100" aria-hidden="true">
-      <circle r={isRound ? 40 : 26} />
-      {!isRound &&
-        Array.from({ length: count }, (_, i) => (
-          <rect key={i} x="-13" y="-46" width="26" height="20" rx="9" transform={turned(i)} />
-        ))}
-    </svg>
   );
 }

@@ -1,6 +1,7 @@
 // What this page may do now: each question returns the reason for "no", or null. The robot states
 // its own reasons in its status; the page adds link, role and lack of control.
 
+import type { Table } from "../generated/texts";
 import type { Reason } from "../generated/wire";
 import { freshness } from "./freshness";
 import type { Link } from "./link";
@@ -9,20 +10,8 @@ const MOVABLE = ["ready", "driving"];
 const MOVING = ["driving", "stopping"];
 const LATCHED = ["stopped", "fault"];
 
-/** Reasons of the page, with sentences of its own in the table of texts. */
-export type PageCode =
-  | "connecting"
-  | "not_connected"
-  | "no_robot"
-  | "robot_silent"
-  | "recording_shown"
-  | "replay_shown"
-  | "viewer_only"
-  | "viewer_cannot_stop"
-  | "still_moves"
-  | "no_path"
-  | "fleet_shown"
-  | "picture_old";
+/** Reasons of the page; the table of texts has their sentences. */
+export type PageCode = keyof Table["common"]["refusals"];
 
 export type Refusal = { by: "page"; code: PageCode } | { by: "robot"; reason: Reason };
 

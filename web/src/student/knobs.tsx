@@ -74,9 +74,7 @@ export function Actions({ model }: { model: StudentModel }) {
       </span>
       <Button onPress={() => model.reset()}>{student.reset}</Button>
       <Button onPress={() => void copy()}>{student.copy}</Button>
-      <Button edge onPress={() => model.requestToml()}>
-        {student.save}
-      </Button>
+      <Button edge onPress={() => model.requestToml()} children={student.save} />
     </div>
   );
 }

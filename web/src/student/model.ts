@@ -2,7 +2,7 @@
 // computes that without a robot.
 
 import { effect, signal } from "@preact/signals";
-import type { StudentReply } from "../generated/wire";
+import type { StudentReply, StudentRequest } from "../generated/wire";
 import type { Link } from "../store/link";
 
 const ASK_EVERY_MS = 80; // The server accepts 20 per second.
@@ -12,14 +12,7 @@ const DEFAULT: Setting = { base: "tsd", knobs: {}, twist: DEFAULT_TWIST, joints:
 
 export type Triple = [number, number, number];
 
-export interface Setting {
-  base: string;
-  /** Changed numbers of the description, by key. */
-  knobs: Readonly<Record<string, number>>;
-  twist: Triple;
-  /** Joints that replace the twist: for each module α and β in degrees and rpm, for each wheel rpm. */
-  joints: number[][] | null;
-}
+export type Setting = Required<Pick<StudentRequest, "base" | "knobs" | "twist" | "joints">>;
 
 /** Return the setting in a query string, or null. */
 export function settingOf(query: string): Setting | null {
@@ -65,12 +58,13 @@ export class StudentModel {
   #askedMs = -Infinity;
   #wantsToml = false;
   #pause = 0; // Timer that runs after a request.
-  readonly #link: Link;
 
   /** `query` is the query string of the page's address. */
-  constructor(link: Link, query: string) {
+  constructor(
+    private readonly link: Link,
+    query: string,
+  ) {
     this.setting = signal(settingOf(query) ?? DEFAULT);
-    this.#link = link;
     link.on("student", (reply) => this.#take(reply));
     link.on("welcome", () => this.#forget());
     effect(() => {
@@ -150,7 +144,7 @@ export class StudentModel {
     if (!this.#isDue || this.#isAsking || this.#pause !== 0) return;
     this.#number += 1;
     this.#askedMs = performance.now();
-    this.#isAsking = this.#link.send({
+    this.#isAsking = this.link.send({
       t: "student",
       number: this.#number,
       ...this.setting.peek(),

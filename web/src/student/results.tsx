@@ -8,8 +8,7 @@ import type {
   StudentOutline,
   StudentReply,
 } from "../generated/wire";
-import { figure } from "../text/numbers";
-import { texts } from "../text/text";
+import { figure, texts } from "../text/text";
 import { Fold } from "../ui/fold";
 
 export function Equations({ equations }: StudentFigures) {

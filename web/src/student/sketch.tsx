@@ -2,8 +2,7 @@
 // the robot turns about.
 
 import type { StudentFigures, StudentWheel } from "../generated/wire";
-import { figure } from "../text/numbers";
-import { texts } from "../text/text";
+import { figure, texts } from "../text/text";
 
 const HALF = 60;
 const REACH = 42; // Extent of the wheels.

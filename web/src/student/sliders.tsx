@@ -2,8 +2,7 @@
 
 import { useMemo } from "preact/hooks";
 import type { StudentFigures } from "../generated/wire";
-import { figure } from "../text/numbers";
-import { texts } from "../text/text";
+import { figure, texts } from "../text/text";
 import { Quantity } from "../ui/figure";
 import type { StudentModel } from "./model";
 import { decimalsOf } from "./results";

@@ -1,5 +1,6 @@
-// Texts of the page, one file per language: `en.json`, `de.json`. A text with places is a function
-// of their values. A new language also needs its sentences of codes, in `reasons.ts`.
+// Texts and figures of the page in its language. Texts have one file per language: `en.json`,
+// `de.json`; a text with places is a function of their values. A new language also needs its
+// sentences of codes, in `reasons.ts`. An unknown figure is an en dash.
 
 import { computed } from "@preact/signals";
 import type { Table } from "../generated/texts";
@@ -48,8 +49,40 @@ function completed(health: Table["health"], words: Table["panel"]["wheels"]) {
 }
 
 function preferred(): Language {
-  const offered = navigator.languages.map((tag) => tag.slice(0, 2));
-  return LANGUAGES.find((each) => offered.includes(each)) === undefined
-    ? "en"
-    : (offered.find((tag) => isOneOf(LANGUAGES)(tag)) as Language);
+  return navigator.languages.map((tag) => tag.slice(0, 2)).find(isOneOf(LANGUAGES)) ?? "en";
+}
+
+const UNKNOWN = "–";
+const formats = new Map<string, Intl.NumberFormat>();
+
+/** Format a number with fixed decimals. */
+export function figure(value: number | null | undefined, decimals = 0): string {
+  if (value === null || value === undefined || !Number.isFinite(value)) return UNKNOWN;
+  const key = `${language.value} ${decimals}`;
+  const format = formats.get(key) ?? newFormat(decimals);
+  formats.set(key, format);
+  return format.format(value).replaceAll("-", "−");
+}
+
+function newFormat(decimals: number): Intl.NumberFormat {
+  return new Intl.NumberFormat(language.peek(), {
+    minimumFractionDigits: decimals,
+    maximumFractionDigits: decimals,
+    signDisplay: "negative",
+  });
+}
+
+export function degrees(radians: number | null | undefined): number | null {
+  return radians === null || radians === undefined ? null : (radians * 180) / Math.PI;
+}
+
+/** Duration as 7 s, 2:05 or 1:02:05. */
+export function duration(seconds: number): string {
+  const whole = Math.max(0, Math.floor(seconds));
+  if (whole < 60) return `${whole} s`;
+  const two = (part: number) => String(part).padStart(2, "0");
+  const [hours, minutes] = [Math.floor(whole / 3600), Math.floor(whole / 60) % 60];
+  return hours > 0
+    ? `${hours}:${two(minutes)}:${two(whole % 60)}`
+    : `${minutes}:${two(whole % 60)}`;
 }

@@ -1,7 +1,6 @@
 // Times of day in the language of the page, and the grid of a timeline.
 
-import { figure } from "../text/numbers";
-import { language, texts } from "../text/text";
+import { figure, language, texts } from "../text/text";
 
 /** Local time as 19:18:16, or 19:18. */
 export function clock(ms: number, timeStyle: "medium" | "short" = "medium"): string {

@@ -42,9 +42,7 @@ export function LineForm({ label, hint, most, initial, onSend, onClose }: LineFo
           aria-label={label}
         />
       </span>
-      <Button edge submit>
-        {label}
-      </Button>
+      <Button edge submit children={label} />
       <Button icon="close" label={texts().common.cancel} onPress={onClose} />
     </form>
   );

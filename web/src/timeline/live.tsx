@@ -4,14 +4,13 @@ import { useEffect } from "preact/hooks";
 import { useSession } from "../session";
 import { freshness, isCurrent } from "../store/freshness";
 import type { Link } from "../store/link";
-import { duration, figure } from "../text/numbers";
 import { sentence } from "../text/reasons";
-import { texts } from "../text/text";
+import { duration, figure, texts } from "../text/text";
 import { Icon } from "../ui/icon";
+import { sliderHandlers, sliderValue } from "../ui/slider";
 import { type Happening, Happenings } from "./happenings";
 import { BACK_S } from "./look_back";
 import { ListButton } from "./recordings";
-import { sliderHandlers } from "./slider";
 
 const KEY_STEP_S = 5;
 
@@ -19,13 +18,9 @@ export function Live() {
   const { keyboard, link, lookBack } = useSession();
   const { timeline } = texts();
   useEffect(() => {
-    const ends = [
-      keyboard.bind("KeyB", () => lookBack.look((lookBack.agoS.peek() ?? 0) + KEY_STEP_S)),
-      keyboard.bind("KeyL", () => lookBack.look(0)),
-    ];
-    return () => ends.forEach((end) => end());
+    const back = () => lookBack.look((lookBack.agoS.peek() ?? 0) + KEY_STEP_S);
+    return keyboard.bind({ KeyB: back, KeyL: () => lookBack.look(0) });
   }, [lookBack, keyboard]);
-  void link.beat.value;
   const nowMs = performance.now();
   const { kind } = freshness(link);
   const agoS = lookBack.agoS.value;
@@ -60,10 +55,7 @@ export function Live() {
           )}
           class="rail"
           aria-label={timeline.slider}
-          aria-valuemin={-BACK_S}
-          aria-valuemax={0}
-          aria-valuenow={-(agoS ?? 0)}
-          aria-valuetext={ago ?? timeline.now}
+          {...sliderValue(-BACK_S, 0, -(agoS ?? 0), ago ?? timeline.now)}
           style={{ "--at": `${100 - (100 * (agoS ?? 0)) / BACK_S}%` }}
         >
           <svg viewBox={`${-BACK_S} 0 ${BACK_S} 2`} preserveAspectRatio="none" aria-hidden="true">
@@ -103,7 +95,6 @@ function PastState() {
 /** For how long the recorder has been writing. */
 function Recorder() {
   const { library, link } = useSession();
-  void link.beat.value;
   const written = library.written.value;
   const robot = link.robot.value?.id ?? "";
   // It keeps its room, so that the lane stays below the pointer.

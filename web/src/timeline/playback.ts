@@ -30,12 +30,10 @@ export class Playback {
     const timeline = this.timeline.value;
     return timeline && timeline.start_ms + 1000 * this.cursor.value.t_s;
   });
-  readonly #link: Link;
   readonly #seek: (tS: number) => void;
   #seekS = Number(new URL(location.href).searchParams.get("t") ?? NaN);
 
-  constructor(link: Link) {
-    this.#link = link;
+  constructor(private readonly link: Link) {
     this.#seek = throttled((t_s) => link.send({ t: "seek", t_s }));
     link.on("welcome", () => {
       if (this.timeline.peek() !== null) this.#seekS = this.cursor.peek().t_s; // Connected again.
@@ -54,12 +52,12 @@ export class Playback {
 
   toggle(): void {
     const { playing } = this.cursor.peek();
-    this.#link.send(playing ? { t: "pause" } : { t: "play", speed: this.speed.peek() });
+    this.link.send(playing ? { t: "pause" } : { t: "play", speed: this.speed.peek() });
   }
 
   setSpeed(speed: number): void {
     this.speed.value = speed;
-    if (this.cursor.peek().playing) this.#link.send({ t: "play", speed });
+    if (this.cursor.peek().playing) this.link.send({ t: "play", speed });
   }
 
   jump(way: 1 | -1): void {

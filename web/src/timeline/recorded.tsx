@@ -1,20 +1,21 @@
 // A recording: playback controls and lanes for mode, driver, speed, link and events.
 
 import { useEffect, useState } from "preact/hooks";
+import type { Key } from "../drive/keyboard";
 import type { RecordedLanes, Timeline } from "../generated/wire";
 import { useSession } from "../session";
-import { duration, figure } from "../text/numbers";
 import { nameOf, sentence } from "../text/reasons";
-import { language, texts } from "../text/text";
+import { duration, figure, language, texts } from "../text/text";
 import { Button } from "../ui/button";
 import { Menu } from "../ui/menu";
-import { clock, iso, ticks } from "./clock";
+import { Moment } from "../ui/moment";
+import { shareAt, sliderHandlers, sliderValue } from "../ui/slider";
+import { clock, ticks } from "./clock";
 import { type Happening, Happenings } from "./happenings";
 import { LineForm } from "./line_form";
 import { backToLive } from "./past";
 import { SPEEDS } from "./playback";
 import { ListButton } from "./recordings";
-import { shareAt, sliderHandlers } from "./slider";
 
 const NOTE_LENGTH = 200;
 
@@ -27,17 +28,15 @@ export function Recorded() {
     setNoting(true);
   };
   const step = (way: 1 | -1) => link.send({ t: "step", back: way < 0 });
-  useEffect(() => {
-    const ends = [
-      keyboard.bind("KeyL", backToLive),
-      keyboard.bind("KeyK", () => playback.toggle()),
-      keyboard.bind("KeyM", mark),
-      // With Shift, one status instead of an event, on any keyboard layout.
-      keyboard.bind("Comma", ({ key }) => (key === "," ? playback.jump(-1) : step(-1))),
-      keyboard.bind("Period", ({ key }) => (key === "." ? playback.jump(1) : step(1))),
-    ];
-    return () => ends.forEach((end) => end());
-  }, [playback]);
+  const keys = {
+    KeyL: backToLive,
+    KeyK: () => playback.toggle(),
+    KeyM: mark,
+    // With Shift, one status instead of an event, on any keyboard layout.
+    Comma: ({ key }: Key) => (key === "," ? playback.jump(-1) : step(-1)),
+    Period: ({ key }: Key) => (key === "." ? playback.jump(1) : step(1)),
+  };
+  useEffect(() => keyboard.bind(keys), [playback]);
   return (
     <footer class="time past" aria-label={timeline.name}>
       <div class="head">
@@ -174,16 +173,16 @@ function Rail({ timeline, lanes }: { timeline: Timeline; lanes: RecordedLanes | 
       )}
       class="rail"
       aria-label={texts().timeline.recordedSlider}
-      aria-valuemin={0}
-      aria-valuemax={durationS}
-      aria-valuenow={tS}
-      aria-valuetext={[clock(shownMs), ...(lanes ? told(lanes, tS) : [])].join(", ")}
+      {...sliderValue(
+        0,
+        durationS,
+        tS,
+        [clock(shownMs), ...(lanes ? told(lanes, tS) : [])].join(", "),
+      )}
       style={{ "--at": `${100 * shareAt(tS, 0, durationS)}%` }}
     >
       <i class="cursor">
-        <time dateTime={iso(shownMs)} title={iso(shownMs)}>
-          {clock(shownMs)}
-        </time>
+        <Moment atMs={shownMs}>{clock(shownMs)}</Moment>
       </i>
     </div>
   );

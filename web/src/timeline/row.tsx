@@ -3,9 +3,8 @@
 import { useState } from "preact/hooks";
 import type { RecordedPath, RecordingRow, TrashRow } from "../generated/wire";
 import { useSession } from "../session";
-import { duration } from "../text/numbers";
 import { nameOf } from "../text/reasons";
-import { texts } from "../text/text";
+import { duration, texts } from "../text/text";
 import { Button, type ButtonProps } from "../ui/button";
 import { day, iso, megabytes } from "./clock";
 import { answer, request } from "./library";

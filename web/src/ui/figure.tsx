@@ -1,6 +1,6 @@
 // A value and its unit, smaller and paler.
 
-import { figure } from "../text/numbers";
+import { figure } from "../text/text";
 
 /** Symbol of a quantity, such as v with the subscript x. */
 export function Quantity({ symbol }: { symbol: string }) {
@@ -16,13 +16,12 @@ interface FigureProps {
   value: number | null | undefined;
   decimals?: number;
   unit?: string;
-  sign?: boolean;
 }
 
-export function Figure({ value, decimals = 0, unit, sign }: FigureProps) {
+export function Figure({ value, decimals = 0, unit }: FigureProps) {
   return (
     <>
-      {figure(value, decimals, sign)}
+      {figure(value, decimals)}
       {unit && <span class="u">{unit}</span>}
     </>
   );

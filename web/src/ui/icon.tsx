@@ -37,10 +37,24 @@ const SHAPES = {
   half: '<circle cx="12" cy="12" r="8"/><path fill="currentColor" d="M12 4a8 8 0 010 16z"/>',
   map: '<path d="M4 6l5-2 6 2 5-2v14l-5 2-6-2-5 2zM9 4v14M15 6v14"/>',
   camera: '<path d="M4 8h4l2-3h4l2 3h4v11H4z"/><circle cx="12" cy="13" r="3.5"/>',
-  leave: '<path d="M10 4H5v16h5M13 8l4 4-4 4M8 12h9"/>',
 } as const;
 
 export type IconName = keyof typeof SHAPES;
+
+/** Icons of modes, and of the entries that replace an unknown mode. */
+export const MODE_ICONS: Record<string, IconName> = {
+  disarmed: "ring",
+  arming: "half",
+  ready: "full",
+  driving: "play",
+  stopping: "pause",
+  stopped: "stopsign",
+  fault: "warn",
+  recorded: "previous",
+  starting: "half",
+  silent: "warn",
+  offline: "warn",
+};
 
 export function Icon({ name }: { name: IconName }) {
   return (

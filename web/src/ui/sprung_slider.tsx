@@ -3,7 +3,8 @@
 import { useMemo } from "preact/hooks";
 import { CENTRED, type Deflection } from "../drive/axes";
 import { type Holder, SprungControl } from "../drive/sprung";
-import { figure } from "../text/numbers";
+import { figure } from "../text/text";
+import { sliderValue } from "./slider";
 
 interface SprungSliderProps {
   label: string;
@@ -59,15 +60,10 @@ export function SprungSlider(props: SprungSliderProps) {
     <div
       ref={control.attach}
       class={classes.filter(Boolean).join(" ")}
-      role="slider"
-      tabIndex={0}
       aria-label={label}
       aria-disabled={off || undefined}
       title={refused ?? undefined}
-      aria-valuemin={-most}
-      aria-valuemax={most}
-      aria-valuenow={asked}
-      aria-valuetext={spoken}
+      {...sliderValue(-most, most, asked, spoken)}
       style={{ "--at": `${at(asked)}`, "--allowed": `${at(allowed ?? 0)}` }}
     >
       {at(asked) > -COVERS && <span class="end l">{left}</span>}

@@ -41,8 +41,6 @@ export class Viewport {
   readonly loaded = signal(false);
   /** Whether the whole scene has been drawn. */
   readonly ready = signal(false);
-  readonly #options: ViewportOptions;
-  readonly #host: HTMLElement;
   readonly #frame = document.createElement("iframe");
   readonly #ending = new AbortController();
   #origin = "";
@@ -54,9 +52,10 @@ export class Viewport {
   readonly #resized = new ResizeObserver(() => this.#limitArea());
 
   /** Show the 3D view in `host`, which must be positioned. */
-  constructor(host: HTMLElement, options: ViewportOptions) {
-    this.#host = host;
-    this.#options = options;
+  constructor(
+    private readonly host: HTMLElement,
+    private readonly options: ViewportOptions,
+  ) {
     const frame = this.#frame;
     frame.className = "viewport-frame";
     frame.title = options.title;
@@ -95,7 +94,7 @@ export class Viewport {
   }
 
   #show(viewport: string): void {
-    const { page, recording, dark } = this.#options;
+    const { page, recording, dark } = this.options;
     const address = viewportAddress(document.baseURI, viewport);
     address.searchParams.set("parent", location.origin);
     address.searchParams.set("page", page);
@@ -124,11 +123,11 @@ export class Viewport {
       this.#area = message.software ? this.#hostArea : 0;
     } else if (message.t === "drawn") this.#onDrawn();
     else if (message.t === "key") this.#onKey(message);
-    else if (message.t === "pointerdown") this.#options.onPointer();
+    else if (message.t === "pointerdown") this.options.onPointer();
   }
 
   #onDrawn(): void {
-    if (this.ready.peek() || !this.#options.isComplete()) return;
+    if (this.ready.peek() || !this.options.isComplete()) return;
     if (this.#drawn === 0) this.#completeMs = performance.now();
     this.#drawn += 1;
     const sinceMs = performance.now() - this.#completeMs;
@@ -140,7 +139,7 @@ export class Viewport {
   #onKey(key: FrameKey): void {
     if (!key.down || key.repeat || document.activeElement !== this.#frame) return;
     this.#frame.blur();
-    this.#options.onKey(key);
+    this.options.onKey(key);
   }
 
   /** Keep the number of pixels that the frame chose for software rendering when it grows. */
@@ -150,6 +149,6 @@ export class Viewport {
   }
 
   get #hostArea(): number {
-    return this.#host.clientWidth * this.#host.clientHeight;
+    return this.host.clientWidth * this.host.clientHeight;
   }
 }

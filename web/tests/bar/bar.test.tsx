@@ -4,9 +4,9 @@ import { act } from "preact/test-utils";
 import { afterEach, beforeEach, describe, expect, test, vi } from "vitest";
 
 import { Bar } from "../../src/bar/bar";
-import { SessionContext } from "../../src/session";
 import { nameOperatorsBy } from "../../src/text/reasons";
 import { language } from "../../src/text/text";
+import { draw } from "../support/draw";
 import { type FakePage, ME, openPage, type StateChange } from "../support/fake_page";
 
 let page: FakePage;
@@ -16,14 +16,7 @@ async function open(welcome: Record<string, unknown> = {}): Promise<void> {
   page = await openPage(welcome);
   nameOperatorsBy(page.session.link);
   root = document.body.appendChild(document.createElement("div"));
-  await act(() =>
-    render(
-      <SessionContext.Provider value={page.session}>
-        <Bar />
-      </SessionContext.Provider>,
-      root,
-    ),
-  );
+  draw(<Bar />, page.session, root);
 }
 
 beforeEach(async () => {

@@ -1,8 +1,8 @@
 import { render } from "preact";
 import { afterEach, expect, test, vi } from "vitest";
 import { Health } from "../../src/health/health.tsx";
-import { type Session, SessionContext } from "../../src/session.ts";
 import { texts } from "../../src/text/text.ts";
+import { draw } from "../support/draw.tsx";
 import { connect, ROBOT } from "../support/fake_link.ts";
 
 afterEach(() => {
@@ -14,37 +14,24 @@ const flush = () => vi.advanceTimersByTimeAsync(400);
 
 test("The shadow twin is compared only while Health is shown, also after a new connection.", async () => {
   const page = connect();
-  const show = <Health />;
-  const session = { link: page.link } as Session;
-  const draw = (child: typeof show | null) =>
-    render(
-      <SessionContext.Provider value={session}>{child}</SessionContext.Provider>,
-      document.body,
-    );
   page.say(ROBOT);
   page.state();
   expect(page.take("shadow")).toEqual([]);
-  draw(show);
+  draw(<Health />, page, document.body);
   await flush();
   expect(page.take("shadow")).toEqual([{ t: "shadow", on: true }]);
-  draw(null);
+  draw(null, page, document.body);
   await flush();
   expect(page.take("shadow")).toEqual([{ t: "shadow", on: false }]);
 });
 
 test("Rows outside come first and open; groups count the rest; events are sentences.", async () => {
   const page = connect();
-  const session = { link: page.link } as Session;
   page.say(ROBOT);
   page.say({ t: "event", kind: "mode", text: "", why: { code: "released" }, robot_s: 1, age_s: 0 });
   const slow = { loop: { hz: 80, overruns: 0, jitter_p99_ms: 1, longest_ms: 9 } };
   page.state({}, slow);
-  render(
-    <SessionContext.Provider value={session}>
-      <Health />
-    </SessionContext.Provider>,
-    document.body,
-  );
+  draw(<Health />, page, document.body);
   for (let i = 0; i < 8; i += 1) {
     await vi.advanceTimersByTimeAsync(50);
     page.state({}, slow);

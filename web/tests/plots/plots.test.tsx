@@ -4,8 +4,9 @@ import { render } from "preact";
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
 import { Plots } from "../../src/plots/plots.tsx";
 import { Recorder } from "../../src/plots/recorder.ts";
-import { type Session, SessionContext } from "../../src/session.ts";
+import type { Session } from "../../src/session.ts";
 import { texts } from "../../src/text/text.ts";
+import { draw } from "../support/draw.tsx";
 import { fakeCanvas } from "../support/fake_canvas.ts";
 import { connect, ROBOT } from "../support/fake_link.ts";
 
@@ -37,12 +38,7 @@ async function open() {
     }
   };
   await run(100);
-  render(
-    <SessionContext.Provider value={session as unknown as Session}>
-      <Plots />
-    </SessionContext.Provider>,
-    document.body,
-  );
+  draw(<Plots />, session as unknown as Session, document.body);
   await run(500);
   const button = (text: string) =>
     [...document.querySelectorAll<HTMLElement>("button")].find((each) =>

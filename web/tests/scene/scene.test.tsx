@@ -5,7 +5,7 @@ import type { Layer, RobotInfo, SphereState } from "../../src/generated/wire";
 import { legend } from "../../src/scene/corners";
 import { GoToForm } from "../../src/scene/goto_form";
 import { Scene } from "../../src/scene/scene";
-import { SessionContext } from "../../src/session";
+import { draw } from "../support/draw";
 import { openSession, press, ROBOT, route } from "./support";
 
 const host = document.createElement("div");
@@ -23,15 +23,7 @@ afterEach(() => {
 async function show(robot?: RobotInfo) {
   const page = openSession(robot);
   const { session } = page;
-  await act(() =>
-    render(
-      <SessionContext.Provider value={session}>
-        <Scene />
-        <GoToForm />
-      </SessionContext.Provider>,
-      host,
-    ),
-  );
+  await act(() => draw([<Scene />, <GoToForm />], session, host));
   page.take();
   return page;
 }

@@ -1,22 +1,16 @@
 // The deck on a page, with what a hand does to it.
 
-import { render } from "preact";
 import { act } from "preact/test-utils";
 import { Deck } from "../../src/deck/deck";
-import { SessionContext } from "../../src/session";
+import { draw } from "./draw";
 import { openPage } from "./page";
 
 /** Open a page and draw its deck; what `does` changes is drawn on return. */
 export function openDeck() {
   const page = openPage();
   const box = document.body.appendChild(document.createElement("div"));
-  const deck = (
-    <SessionContext.Provider value={page.session}>
-      <Deck />
-    </SessionContext.Provider>
-  );
+  draw(<Deck />, page.session, box);
   const does = (change: () => void) => void act(change);
-  does(() => render(deck, box));
   const find = (selector: string) => box.querySelector<HTMLElement>(selector);
   const text = (selector: string) =>
     (find(selector)?.textContent ?? "").replace(/\s+/g, " ").trim();

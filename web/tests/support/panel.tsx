@@ -1,9 +1,8 @@
 // The panel on a page, with what a hand does to it.
 
-import { render } from "preact";
 import { act } from "preact/test-utils";
 import { Panel } from "../../src/panel/panel";
-import { SessionContext } from "../../src/session";
+import { draw } from "./draw";
 import { fire, openPage, place, ROBOT } from "./page";
 
 const axis = (symbol: string, unit: string) => ({ name: symbol, symbol, unit });
@@ -29,13 +28,8 @@ export function openPanel() {
   page.say(GIMBALS);
   send();
   const box = document.body.appendChild(document.createElement("div"));
-  const panel = (
-    <SessionContext.Provider value={page.session}>
-      <Panel />
-    </SessionContext.Provider>
-  );
+  draw(<Panel />, page.session, box);
   const does = (change: () => void) => void act(change);
-  does(() => render(panel, box));
   const find = (selector: string) => box.querySelector<HTMLElement>(selector)!;
   const text = (selector: string) => (find(selector)?.textContent ?? "").replace(/\s+/g, " ");
   /** Press a button, tab or choice by its text or label. */

@@ -2,7 +2,7 @@ import { afterEach, beforeEach, expect, test, vi } from "vitest";
 import { LookBack } from "../../src/timeline/look_back";
 import { addressOf } from "../../src/timeline/past";
 import { eventFrom, Playback } from "../../src/timeline/playback";
-import { shareAt } from "../../src/timeline/slider";
+import { shareAt } from "../../src/ui/slider";
 import { openLink, WELCOME } from "./link";
 
 const TIMELINE = { t: "timeline", name: "a.mcap", start_ms: 1_700_000_000_000, duration_s: 60 };

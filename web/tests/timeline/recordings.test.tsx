@@ -2,9 +2,9 @@ import { render } from "preact";
 import { act } from "preact/test-utils";
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
 import type { RecordingRow } from "../../src/generated/wire";
-import { type Session, SessionContext } from "../../src/session";
 import { Library } from "../../src/timeline/library";
 import { Recordings } from "../../src/timeline/recordings";
+import { draw } from "../support/draw";
 import { openLink, type Wire, WELCOME } from "./link";
 
 type Answer = { status?: number; body?: unknown };
@@ -51,15 +51,7 @@ const settle = () => act(() => vi.advanceTimersByTimeAsync(3000) as unknown as P
 async function show(): Promise<void> {
   const library = new Library(wire.link);
   library.open.value = true;
-  const session = { link: wire.link, library } as Session;
-  act(() =>
-    render(
-      <SessionContext.Provider value={session}>
-        <Recordings />
-      </SessionContext.Provider>,
-      document.body,
-    ),
-  );
+  draw(<Recordings />, { link: wire.link, library }, document.body);
   await settle();
 }
 

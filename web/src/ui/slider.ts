@@ -1,6 +1,18 @@
-// A slider over a whole track, for pointer and keys.
+// Values of sliders for assistive technology, and a slider over a whole track, for pointer and keys.
 
 import type { TargetedPointerEvent } from "preact";
+
+/** Attributes of a slider; `text` is its value in words. */
+export function sliderValue(least: number, most: number, now: number, text: string) {
+  return {
+    role: "slider",
+    tabIndex: 0,
+    "aria-valuemin": least,
+    "aria-valuemax": most,
+    "aria-valuenow": now,
+    "aria-valuetext": text,
+  } as const;
+}
 
 type Pointer = TargetedPointerEvent<HTMLElement>;
 
@@ -20,8 +32,6 @@ export function sliderHandlers(seek: (share: number) => void, move: (steps: numb
     if (track.hasPointerCapture(pointerId)) seek(shareAt(clientX, left, width));
   };
   return {
-    role: "slider" as const,
-    tabIndex: 0,
     onPointerDown: (event: Pointer) => {
       if (event.button !== 0) return;
       event.currentTarget.setPointerCapture(event.pointerId);
