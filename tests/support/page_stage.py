@@ -113,7 +113,7 @@ def robot(robot_id: str) -> dict[str, Any]:
         "t": "robot",
         "id": robot_id,
         "title": robot_id.title(),
-        "limits": {"speed_mps": 1.0, "turn_rate_rad_per_s": 3.0},
+        "max_speed_mps": 1.0,
         "space": "floor",
         "twist_axes": [{"name": n, "symbol": n, "unit": "m/s"} for n in ("vx", "vy", "omega")],
         "twist_scale_m": 1.0,

@@ -69,7 +69,8 @@ export function Sheet({ opened }: OpenedProps) {
 export function OwnName() {
   const { link, name } = useSession();
   const { yourName } = texts().bar;
-  const own = link.welcome.value?.user || name.value;
+  const { name: shown, user } = link.welcome.value ?? {};
+  const own = shown || user || name.value;
   return (
     <>
       {own ? <span class="sr">{yourName}: </span> : yourName}

@@ -115,7 +115,7 @@ function Speed() {
   const limits = link.state.value?.status.limits;
   const unit_m = robot?.twist_scale_m ?? 1;
   // The bar ends where the robot does; below that it may allow less for now.
-  const most = (robot?.limits.speed_mps ?? 0) / unit_m || 1;
+  const most = (robot?.max_speed_mps ?? 0) / unit_m || 1;
   const active = (limits?.speed_mps ?? 0) / unit_m || most;
   const limit = drive.scale.value.speed;
   const set = (level: number) => {

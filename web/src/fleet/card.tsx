@@ -1,5 +1,6 @@
 // Card of a robot: its mode, its driver, and its STOP.
 
+import type { Reason } from "../generated/wire";
 import { useSession } from "../session";
 import { nameOf, sentence } from "../text/reasons";
 import { duration, texts } from "../text/text";
@@ -51,6 +52,7 @@ function Facts({ row }: { row: Row }) {
   const source = { recording: fleet.recording, several: fleet.several, robot: fleet.live };
   const battery = row.silent ? null : row.battery;
   const last = row.event && happened(row);
+  const why = row.why && reasonOf(row, row.why);
   return (
     <dl>
       <dt>{fleet.driver}</dt>
@@ -67,6 +69,12 @@ function Facts({ row }: { row: Row }) {
         <Figure value={battery?.volts} decimals={1} unit={battery ? "V" : ""} />
         {battery?.low && ` ${fleet.low}`}
       </dd>
+      {why && (
+        <>
+          <dt>{fleet.why}</dt>
+          <dd title={why}>{why}</dd>
+        </>
+      )}
       <dt>{fleet.last}</dt>
       <dd title={last ?? ""}>{row.event ? `${last} ${fleet.ago(since(row.event.atMs))}` : "–"}</dd>
     </dl>
@@ -85,12 +93,14 @@ function StopOf({ row }: { row: Row }) {
         ? fleet.noLink(since(row.seenMs))
         : null;
   const said = isShown ? fleet.outcomes[outcome] : "";
+  const missed = store.missed.value[row.id];
+  const why = refused ?? (missed && reasonOf(row, missed));
   return (
     <button
       type="button"
       class="btn card-stop"
-      aria-label={`${fleet.stopOf(row.id)}. ${refused ?? said}`}
-      title={refused ?? undefined}
+      aria-label={`${fleet.stopOf(row.id)}. ${why ?? said}`}
+      title={why ?? undefined}
       aria-disabled={refused !== null || undefined}
       {...atOnce(() => refused === null && store.stop(row.id))}
     >
@@ -114,7 +124,11 @@ export function atOnce(act: () => void) {
 
 /** Return the latest event of a robot as a sentence. */
 export function happened(row: Row): string {
-  return row.event ? sentence(row.event.why, (operator) => operatorName(row, operator)) : "";
+  return row.event ? reasonOf(row, row.event.why) : "";
+}
+
+function reasonOf(row: Row, why: Reason): string {
+  return sentence(why, (operator) => operatorName(row, operator));
 }
 
 function operatorName({ operators }: Row, operator: string): string {

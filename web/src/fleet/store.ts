@@ -1,7 +1,14 @@
 // States of all robots while the page shows them, and the stops that it has requested.
 
 import { effect, signal } from "@preact/signals";
-import type { Fleet, FleetEvent, FleetRobot, StopCommand, StopResult } from "../generated/wire";
+import type {
+  Fleet,
+  FleetEvent,
+  FleetRobot,
+  Reason,
+  StopCommand,
+  StopResult,
+} from "../generated/wire";
 import type { Link } from "../store/link";
 
 const MAX_EVENTS = 12;
@@ -26,6 +33,8 @@ export class FleetStore {
   readonly events = signal<readonly Row[]>([]);
   /** Latest stops requested here, by robot. */
   readonly outcomes = signal<Readonly<Record<string, Outcome | null>>>({});
+  /** Why the latest stop did not reach a robot, by robot. */
+  readonly missed = signal<Readonly<Record<string, Reason | null>>>({});
   /** Whether STOP ALL was pressed since the page was opened. */
   readonly stoppedAll = signal(false);
 
@@ -34,7 +43,7 @@ export class FleetStore {
     shown: () => boolean,
   ) {
     link.on("fleet", (message) => this.#take(message));
-    link.on("stop_result", ({ robot, outcome }) => this.#note(robot, outcome));
+    link.on("stop_result", ({ robot, outcome, why }) => this.#note(robot, outcome, why));
     effect(() => {
       const on = shown();
       if (link.connected.value && (on || this.known.peek())) link.send({ t: "fleet", on });
@@ -62,7 +71,8 @@ export class FleetStore {
     return this.link.send(stop) ? "sent" : "offline";
   }
 
-  #note(id: string, outcome: Outcome | null): void {
+  #note(id: string, outcome: Outcome | null, why: Reason | null = null): void {
+    this.missed.value = { ...this.missed.peek(), [id]: why };
     this.outcomes.value = { ...this.outcomes.peek(), [id]: outcome };
   }
 

@@ -646,6 +646,7 @@ export interface Table {
     readonly driver: string;
     readonly link: string;
     readonly battery: string;
+    readonly why: string;
     readonly last: string;
     readonly you: string;
     readonly nobody: string;

@@ -130,7 +130,6 @@ export interface FleetBattery {
 
 /** Latest event of a robot. */
 export interface FleetEvent {
-  kind: string;
   why: Reason;
   /** Time since the dashboard received it, when this message was sent. */
   age_s: number;
@@ -309,7 +308,8 @@ export interface RobotInfo {
   t: "robot";
   id: string;
   title: string;
-  limits: SpeedLimits;
+  /** Speed limit of the description. */
+  max_speed_mps: number;
   /** Pose type: a robot on a floor, or a sphere rotating in place. */
   space: "floor" | "sphere";
   /** Components of `drive`, `twist` and `commanded`, in this order. */
@@ -335,12 +335,6 @@ export interface RobotInfo {
   not_promised: string[];
   /** Names of the values available for plots; each ends with its unit. */
   plot_fields: string[];
-}
-
-/** Speed limits of the description. */
-export interface SpeedLimits {
-  speed_mps: number;
-  turn_rate_rad_per_s: number;
 }
 
 /** Speed range of continuously spinning wheels, and the resulting limits. */
@@ -774,7 +768,6 @@ export interface RobotName {
 export interface JointPreview {
   t: "preview";
   robot: string;
-  requested: [number, number, number];
   /** Requested twist, scaled down to the limits if necessary. */
   twist: [number, number, number];
   /** Fraction of the joint limits needed by the requested twist; above 1 it is scaled. */
@@ -825,9 +818,7 @@ export interface ActionReply {
 export interface RobotEvent {
   t: "event";
   kind: string;
-  text: string;
   why: Reason;
-  robot_s: number;
   /** Whether it happened before the page selected the robot. */
   past: boolean;
   /** Time since the dashboard received it; pages convert all times to their own clock. */

@@ -93,7 +93,7 @@ function effectOf(robot: RobotInfo, limits: WheelSpeedLimits, rpm: number, topMp
   const { speed: words } = texts().panel;
   const rim = rimOf(limits, rpm);
   const step = (1000 * rim * limits.servo_step_deg * Math.PI) / 180;
-  const { speed_mps: limit } = robot.limits;
+  const { max_speed_mps: limit } = robot;
   return [
     words.reach(figure(rpm), figure(topMps, 1), figure(robot.max_tilt_deg)),
     words.step(figure(step)),

@@ -48,7 +48,7 @@ function Dials(shown: Shown) {
   const ring = (range.current = ringRange(tilts, range.current));
   const pushes = goals.map((goal) => goal && pushOf(goal));
   const all = pushes.map((push = 0) => Math.abs(push));
-  const most = Math.max(shown.robot.limits.speed_mps, ...all); // All dials have one scale.
+  const most = Math.max(shown.robot.max_speed_mps, ...all); // All dials have one scale.
   const dials = actuators.map(({ name, measured, goal }, i) => (
     <Dial
       label={

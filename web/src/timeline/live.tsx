@@ -1,11 +1,12 @@
 // One line: the last 30 s of the live robot, with its modes and events. A click looks back.
 
 import { useEffect } from "preact/hooks";
+import { isOnFloor } from "../drive/axes";
 import { useSession } from "../session";
 import { freshness, isCurrent } from "../store/freshness";
 import type { Link } from "../store/link";
 import { sentence } from "../text/reasons";
-import { duration, figure, texts } from "../text/text";
+import { degrees, duration, figure, texts } from "../text/text";
 import { Icon } from "../ui/icon";
 import { sliderHandlers, sliderValue } from "../ui/slider";
 import { type Happening, Happenings } from "./happenings";
@@ -78,16 +79,18 @@ export function Live() {
   );
 }
 
-/** Mode and speed of the state that is drawn. */
+/** Mode and speed of the state that is drawn, with its place. */
 function PastState() {
   const { link, lookBack } = useSession();
   const past = lookBack.past.value;
   const [vx, vy] = past?.twist ?? [];
-  const hasSpeed = link.robot.value?.space === "floor" && vx !== undefined && vy !== undefined;
+  const [x, y, heading] = past?.pose ?? [];
+  const onFloor = isOnFloor(link.robot.value);
+  const place = `x ${figure(x, 2)} m, y ${figure(y, 2)} m, ${figure(degrees(heading))}°`;
   return (
-    <span class="side warn">
+    <span class="side warn" title={onFloor && past?.pose ? place : undefined}>
       {past ? (texts().common.modes[past.mode] ?? past.mode) : texts().timeline.nothingKept}
-      {hasSpeed && ` ${figure(Math.hypot(vx, vy), 2)} m/s`}
+      {onFloor && vx !== undefined && vy !== undefined && ` ${figure(Math.hypot(vx, vy), 2)} m/s`}
     </span>
   );
 }

@@ -30,7 +30,8 @@ export class LookBack {
       if (history_offset_s === this.agoS.peek()) link.send({ t: "look_back", history_offset_s });
     });
     link.on("state", ({ past, status }) => {
-      this.past.value = this.agoS.peek() === null ? null : past;
+      // One of an earlier request may still be in flight.
+      this.past.value = past?.history_offset_s === this.agoS.peek() ? past : null;
       this.#record(status.mode, performance.now());
     });
     link.on("welcome", () => this.#end());

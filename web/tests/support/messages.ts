@@ -15,7 +15,7 @@ export const ROBOT = {
   title: "tsd",
   space: "floor",
   panel: "gimbals",
-  limits: { speed_mps: 2, turn_rate_rad_per_s: 4 },
+  max_speed_mps: 2,
   modules: ["module1", "module2", "module3"],
   twist_axes: AXES,
   twist_scale_m: 1,

@@ -61,7 +61,7 @@ const STOPS: Reason = { code: "mode_changed", params: { before: "driving", after
 const NO_COMMAND: Reason = { code: "no_command", params: { ms: 210, limit_ms: 200 } };
 
 function eventOf(kind: string, why: Reason): RobotEvent {
-  return { t: "event", kind, text: "", why, robot_s: 0, past: false, age_s: 0 };
+  return { t: "event", kind, why, past: false, age_s: 0 };
 }
 
 describe("notices", () => {

@@ -53,6 +53,25 @@ test("While a pointer drags, the last time is sent, at most twenty times a secon
   expect(messages(sent).at(-1)).toEqual({ t: "look_back", history_offset_s: 10.2 });
 });
 
+test("A past state of an earlier request is not shown for a later one", () => {
+  const { link, hear } = openLink();
+  const back = new LookBack(link);
+  const past = (history_offset_s: number) => ({
+    history_offset_s,
+    mode: "ready",
+    pose: null,
+    twist: null,
+  });
+  const state = (status_seq: number, offset: number) =>
+    hear({ t: "state", status_seq, age_ms: 0, past: past(offset), status: { mode: "ready" } });
+  back.look(5);
+  back.look(7);
+  state(1, 5);
+  expect(back.past.value).toBeNull();
+  state(2, 7);
+  expect(back.past.value).toEqual(past(7));
+});
+
 test("Another robot is shown live, without the modes of the robot before", () => {
   const { link, hear } = openLink();
   const back = new LookBack(link);

@@ -160,7 +160,7 @@ class FleetFeed:
         if latest is None:
             return None
         age_s, event = latest
-        return FleetEvent(event.kind, why_of(event) or Reason(event.kind), round(age_s, 3))
+        return FleetEvent(why_of(event) or Reason(event.kind), round(age_s, 3))
 
     def _poses_of(self, robot_ids: Iterable[str]) -> dict[str, Triple]:
         """Return the poses of robots on the floor, to a centimetre and half a degree."""

@@ -70,7 +70,6 @@ def preview_of(link: RobotMonitor, twist: Array) -> tuple[JointPreview, Array]:
     held_back = max(limiter.utilizations(twist)) > 1.0
     preview = JointPreview(
         robot=link.id,
-        requested=rounded(twist),
         twist=rounded(reached),
         utilization=round(float(drive.joint_utilization(twist)), 4),
         limit=binding_limit(drive, limiter, twist) if held_back else None,

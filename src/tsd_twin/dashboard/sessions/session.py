@@ -62,7 +62,6 @@ from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.commands import why_of
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import Event
-from tsd_twin.messages.sentences import full_sentence
 from tsd_twin.messages.services import Reply
 from tsd_twin.messages.status import RobotStatus
 from tsd_twin.messages.topics import Service
@@ -292,8 +291,7 @@ class Session(PageSession):
         if (lost := self._lease_client.lost_lease()) is not None:
             why = because(Code.CONTROL_IS_LOST, lost)
             self._teleop.release(why)
-            text = full_sentence(why)
-            self.send(RobotEvent(kind="lease", text=text, why=why, robot_s=0.0))
+            self.send(RobotEvent(kind="lease", why=why))
         self._lease_client.on_lease_status(status.lease)
         self._teleop.decide(self.robot_id, status)
 
@@ -332,16 +330,8 @@ class Session(PageSession):
 
     def send_event(self, event: Event, *, past: bool = False, age_s: float = 0.0) -> None:
         """Send an event of the selected robot."""
-        self.send(
-            RobotEvent(
-                kind=event.kind,
-                text=event.text,
-                why=why_of(event) or Reason(event.kind),
-                robot_s=round(event.robot_s, 3),
-                past=past,
-                age_s=round(age_s, 3),
-            )
-        )
+        why = why_of(event) or Reason(event.kind)
+        self.send(RobotEvent(kind=event.kind, why=why, past=past, age_s=round(age_s, 3)))
 
     def _send_robot(self) -> None:
         robot = self._directory.robot(self.robot_id)

@@ -23,7 +23,6 @@ from tsd_twin.dashboard.wire.to_page import (
     LimitName,
     RobotInfo,
     RobotState,
-    SpeedLimits,
 )
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.cdr import JointState, Odometry
@@ -49,7 +48,7 @@ class RobotTelemetry:
         return RobotInfo(
             id=self._link.id,
             title=robot.title,
-            limits=SpeedLimits(robot.limits.speed_mps, robot.limits.turn_rate_rad_per_s),
+            max_speed_mps=robot.limits.speed_mps,
             space="floor" if self._kinematics.pose_type is SE2 else "sphere",
             twist_axes=twist_axes_of(self._kinematics),
             twist_scale_m=self._kinematics.twist_scale_m,

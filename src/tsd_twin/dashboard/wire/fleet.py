@@ -23,7 +23,6 @@ class FleetBattery(msgspec.Struct, frozen=True):
 class FleetEvent(msgspec.Struct, frozen=True):
     """Latest event of a robot."""
 
-    kind: str
     why: Reason
     age_s: float
     """Time since the dashboard received it, when this message was sent."""

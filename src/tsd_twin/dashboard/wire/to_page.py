@@ -23,13 +23,6 @@ def encode_message(message: Any) -> str:
     return msgspec.json.encode(message).decode()
 
 
-class SpeedLimits(msgspec.Struct, frozen=True):
-    """Speed limits of the description."""
-
-    speed_mps: float
-    turn_rate_rad_per_s: float
-
-
 class TwistAxisInfo(msgspec.Struct, frozen=True):
     """Component of a twist: name, symbol and unit."""
 
@@ -61,7 +54,8 @@ class RobotInfo(Message, frozen=True, tag="robot"):
 
     id: str
     title: str
-    limits: SpeedLimits
+    max_speed_mps: float
+    """Speed limit of the description."""
     space: Literal["floor", "sphere"]
     """Pose type: a robot on a floor, or a sphere rotating in place."""
     twist_axes: Sequence[TwistAxisInfo]
@@ -304,7 +298,6 @@ class JointPreview(Message, frozen=True, tag="preview"):
     """Joints for a requested twist at the current wheel speed, without moving the robot."""
 
     robot: str
-    requested: Triple
     twist: Triple
     """Requested twist, scaled down to the limits if necessary."""
     utilization: float
@@ -344,9 +337,7 @@ class RobotEvent(Message, frozen=True, tag="event"):
     """Event of the robot."""
 
     kind: str
-    text: str
     why: Reason
-    robot_s: float
     past: bool = False
     """Whether it happened before the page selected the robot."""
     age_s: float = 0.0
