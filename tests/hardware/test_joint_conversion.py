@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 
 from tsd_twin import robots
 from tsd_twin.errors import RobotFileError
-from tsd_twin.hardware.joints import JointConverter, padded
+from tsd_twin.hardware.joints import JointCommand, JointConverter, padded
 from tsd_twin.hardware.serial_transport import HardwareError
 from tsd_twin.lie import Array
 from tsd_twin.messages.codes import Code, because
+from tsd_twin.safety import Heartbeat
 from tsd_twin.simulation import Motors
 
 ROBOT = robots.description_of_kind(robots.load_robot("tsd"), robots.SingularityDescription)
@@ -117,12 +118,12 @@ def test_a_gimbal_whose_servo_stands_beside_it_tilts_as_far_as_any_and_no_furthe
 @pytest.mark.parametrize("bad", [np.zeros(8), np.full(9, np.nan), np.full(9, np.inf)])
 def test_what_is_no_set_point_is_refused(bad: Array) -> None:
     with pytest.raises(ValueError, match="9 finite numbers"):
-        JOINTS.checked(bad)
+        JointCommand.checked(bad, JOINTS.count, Heartbeat(True, 0), 0.0)
 
 
 def test_a_set_point_that_is_kept_is_a_copy() -> None:
     given_one = np.zeros(9)
-    kept = JOINTS.checked(given_one)
+    kept = JointCommand.checked(given_one, JOINTS.count, Heartbeat(True, 0), 0.0).setpoint
     given_one[0] = 1.0
     assert not kept.any()
 

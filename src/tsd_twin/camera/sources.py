@@ -106,11 +106,7 @@ class DeviceReader:
         if capture is None:
             return
         try:
-            while True:
-                got, picture = capture.read()
-                if not got:
-                    return
-                yield np.asarray(picture, np.uint8)
+            yield from _frames_of(capture)
         finally:
             capture.release()
 

@@ -373,7 +373,9 @@ class ArduinoMegaIO:
         Raises:
             ValueError: If the setpoint has the wrong shape or a value is not finite.
         """
-        self._board.command = JointCommand(self._joints.checked(setpoint), self._heartbeat, now_s)
+        self._board.command = JointCommand.checked(
+            setpoint, self._joints.count, self._heartbeat, now_s
+        )
         self._thread.cycle()
 
     def set_heartbeat(self, heartbeat: Heartbeat) -> None:

@@ -354,9 +354,7 @@ class CanWheelsIO:
         Raises:
             ValueError: If the setpoint has the wrong shape or a value is not finite.
         """
-        if np.shape(setpoint) != (self._count,) or not np.isfinite(setpoint).all():
-            raise ValueError(f"set-points must be {self._count} finite numbers, not {setpoint}")
-        self._wheels.command = JointCommand(setpoint.copy(), self._heartbeat, now_s)
+        self._wheels.command = JointCommand.checked(setpoint, self._count, self._heartbeat, now_s)
         self._wheels.cycle()
 
     def set_heartbeat(self, heartbeat: Heartbeat) -> None:

@@ -6,8 +6,6 @@ import math
 import time
 from typing import Any
 
-import numpy as np
-
 from tsd_twin.hardware.joints import JointCommand, ServoCalibration
 from tsd_twin.hardware.link_health import SILENT_S
 from tsd_twin.hardware.serial_transport import DeviceThread, HardwareError
@@ -63,9 +61,7 @@ class DynamixelWheelsIO:
         Raises:
             ValueError: If the setpoint has the wrong shape or a value is not finite.
         """
-        if np.shape(setpoint) != (self._count,) or not np.isfinite(setpoint).all():
-            raise ValueError(f"set-points must be {self._count} finite numbers, not {setpoint}")
-        self._bus.command = JointCommand(setpoint.copy(), self._heartbeat, now_s)
+        self._bus.command = JointCommand.checked(setpoint, self._count, self._heartbeat, now_s)
         self._thread.cycle()
 
     def set_heartbeat(self, heartbeat: Heartbeat) -> None:
@@ -86,9 +82,7 @@ class DynamixelWheelsIO:
     def servo_c(self, now_s: float) -> float | None:
         """Return the latest temperature of the hottest servo, or None if unknown."""
         report = self._recent(now_s)
-        if report is None:
-            return None
-        return float(max(servo.temperature_c for servo in report.present.values()))
+        return None if report is None else report.hottest_c
 
     def hardware(self) -> dict[str, Any]:
         """Return the hardware section of the status, JSON-serializable."""
@@ -118,15 +112,9 @@ class DynamixelWheelsIO:
         return told + self._bus.cables.sentences()
 
     def _status(self, report: WheelReport, now_s: float) -> dict[str, Any]:
-        alive, bus = report.alive(now_s), self._bus
-        there = sorted(report.present)
-        present = [report.present[i] for i in there]
-        status: dict[str, Any] = {
-            "model": [bus.models[i].servo.name for i in there],
-            "alive": [bool(alive >> i & 1) for i in range(self._count)],
-            "voltage_v": [round(it.voltage_v, 1) for it in present],
-            "temperature_c": [it.temperature_c for it in present],
-        }
+        bus, there = self._bus, sorted(report.present)
+        models = [bus.models[i].servo.name for i in there]
+        status: dict[str, Any] = {"model": models} | report.status(self._count, now_s)
         amperes = [bus.current_a(i, report.present[i]) for i in there]
         loads = [bus.load_percent(i, report.present[i]) for i in there]
         for name, values in (("current_a", amperes), ("load_percent", loads)):

@@ -43,6 +43,19 @@ class JointCommand:
     given_s: float
     """Monotonic time."""
 
+    @classmethod
+    def checked(
+        cls, setpoint: Array, count: int, heartbeat: Heartbeat, now_s: float
+    ) -> JointCommand:
+        """Return a command with a copy of a setpoint (`count`,).
+
+        Raises:
+            ValueError: If the setpoint has the wrong shape or a value is not finite.
+        """
+        if np.shape(setpoint) != (count,) or not np.isfinite(setpoint).all():
+            raise ValueError(f"set-points must be {count} finite numbers, not {setpoint}")
+        return cls(setpoint.copy(), heartbeat, now_s)
+
     def in_force(self, now_s: float) -> bool:
         """Return whether the command is at most `COMMAND_TIMEOUT_S` old."""
         return now_s - self.given_s <= COMMAND_TIMEOUT_S
@@ -298,16 +311,6 @@ class JointConverter(ServoNames):
         rise = (max(self.throttle_limit) - ZERO_THROTTLE) * _RISE_PERIOD_S / THROTTLE_RISE_S
         self.throttle_rise = max(1, math.ceil(rise))
         """Maximum throttle increase per 10 ms."""
-
-    def checked(self, setpoint: Array) -> Array:
-        """Validate and copy a setpoint (n,).
-
-        Raises:
-            ValueError: If the setpoint has the wrong shape or a value is not finite.
-        """
-        if np.shape(setpoint) != (self.count,) or not np.isfinite(setpoint).all():
-            raise ValueError(f"set-points must be {self.count} finite numbers, not {setpoint}")
-        return setpoint.copy()
 
     def goals(self, setpoint: Array) -> tuple[int, ...]:
         """Return the goal of each gimbal, steps from neutral."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from struct import Struct
+from typing import Any
 
+from tsd_twin.hardware.cables import CableMonitor, missing_mask
 from tsd_twin.hardware.dynamixel.packets import ALERT, StatusPacket, protocol1, protocol2
 from tsd_twin.hardware.dynamixel.servo_models import (
     MODEL_NUMBER,
@@ -14,6 +16,7 @@ from tsd_twin.hardware.dynamixel.servo_models import (
     span,
     wrong_setting,
 )
+from tsd_twin.hardware.link_health import LinkHealth
 from tsd_twin.hardware.serial_transport import HardwareError, SerialTransport
 from tsd_twin.messages.sentences import sentence
 
@@ -70,6 +73,36 @@ class ServoMeasurement:
         current, velocity, position, _, _, voltage, temperature = _LAYOUT.unpack(data)
         volts = voltage / 10.0
         return ServoMeasurement(received_s, position, velocity, current, volts, temperature)
+
+
+@dataclass(frozen=True, slots=True)
+class ServoReport:
+    """Latest measurements of the servos, by index from 0."""
+
+    present: Mapping[int, ServoMeasurement]
+    newest_s: float
+    faults: int = 0
+    """Mask of servos with a hardware error."""
+    limp: int = 0
+    """Mask of servos with torque off."""
+
+    def alive(self, now_s: float) -> int:
+        """Return the mask of servos that responded within `ALIVE_S`."""
+        return sum(1 << i for i, it in self.present.items() if now_s - it.received_s <= ALIVE_S)
+
+    @property
+    def hottest_c(self) -> float:
+        """Temperature of the hottest servo."""
+        return float(max(servo.temperature_c for servo in self.present.values()))
+
+    def status(self, count: int, now_s: float) -> dict[str, Any]:
+        """Return the facts about `count` servos for the hardware section of the status."""
+        alive, present = self.alive(now_s), [self.present[i] for i in sorted(self.present)]
+        return {
+            "alive": [bool(alive >> i & 1) for i in range(count)],
+            "voltage_v": [round(servo.voltage_v, 1) for servo in present],
+            "temperature_c": [servo.temperature_c for servo in present],
+        }
 
 
 class ServoLine:
@@ -138,6 +171,18 @@ class ServoLine:
             answered |= {answer.id for answer in answers}
         self._answered = [device for device in self._order if device in answered]
         return self._answered, is_late
+
+    def measured(
+        self, answers: Sequence[StatusPacket], faults: int, now_s: float
+    ) -> tuple[dict[int, ServoMeasurement], int]:
+        """Return the measurements in answers to `MEASURED`, by index, and the updated `faults`."""
+        present: dict[int, ServoMeasurement] = {}
+        for answer in answers:
+            if answer.id in self.ids and len(answer.data) == PRESENT_SIZE:
+                bit = self.bit(answer.id)
+                faults = faults | bit if answer.error & ALERT else faults & ~bit
+                present[self.ids.index(answer.id)] = ServoMeasurement.unpack(answer.data, now_s)
+        return present, faults
 
     def find(self, transport: SerialTransport, device: int) -> None:
         """Wait for a servo's response.
@@ -218,3 +263,47 @@ class ServoLine:
                 if len(answer.data) == size:  # Otherwise it belongs to an earlier request.
                     return answer
         raise HardwareError(f"servo {self.named(device)} fell silent")
+
+
+class ServoExchange:
+    """Requests to all servos of a line, and what their answers tell about line and cables."""
+
+    baud = SERVO_BAUD
+
+    def __init__(self, line: ServoLine, cables: CableMonitor, clock: Callable[[], float]) -> None:
+        self.health = LinkHealth("servo_bus")
+        self.cables = cables
+        self.cycled_s = 0.0
+        """End of the latest exchange: a servo is silent only while it is asked."""
+        self._line, self._clock = line, clock
+
+    def _exchange(self, transport: SerialTransport, request: bytes, began_s: float) -> bool:
+        """Send goals and read measurements and states; return whether any servo responded.
+
+        Raises:
+            HardwareError: If the port is gone.
+        """
+        broken = transport.broken
+        answered, late = self._line.read_all(transport, request, MEASURED, self._add_responses)
+        now_s, is_broken = self._clock(), transport.broken > broken
+        self.cycled_s = now_s
+        missing = missing_mask(self._line.ids, answered)
+        self.cables.add_cycle(missing, now_s, broken=is_broken, late=late)
+        self._read_state(transport, answered)
+        self.health.add_packets(transport.broken > broken, now_s)
+        if missing:
+            self.health.add_timeout()
+        else:
+            self.health.add_round_trip(now_s - began_s)
+        return bool(answered)
+
+    def _add_responses(self, answers: Sequence[StatusPacket]) -> None:
+        """Update the report."""
+        raise NotImplementedError
+
+    def _read_state(self, transport: SerialTransport, answered: list[int]) -> None:
+        """Read what changes rarely from the servos that answered.
+
+        To wait for the others would delay the next cycle until all servos count as silent.
+        """
+        raise NotImplementedError

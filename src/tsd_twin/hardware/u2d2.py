@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from struct import Struct
 from typing import Any, Protocol
 
 import numpy as np
 
 from tsd_twin.hardware.approach import Approach
-from tsd_twin.hardware.cables import CableMonitor, branches_of, missing_mask
-from tsd_twin.hardware.dynamixel.packets import ALERT, StatusPacket, protocol2
+from tsd_twin.hardware.cables import CableMonitor, branches_of
+from tsd_twin.hardware.dynamixel.packets import StatusPacket, protocol2
 from tsd_twin.hardware.dynamixel.servo_models import MODELS, ServoModel
 from tsd_twin.hardware.joints import (
     JointCommand,
@@ -26,20 +26,18 @@ from tsd_twin.hardware.joints import (
     ThrottleLaw,
     hot_servos,
 )
-from tsd_twin.hardware.link_health import SILENT_S, LinkHealth
+from tsd_twin.hardware.link_health import SILENT_S
 from tsd_twin.hardware.serial_transport import DeviceThread, SerialTransport
 from tsd_twin.hardware.servo_line import (
-    ALIVE_S,
     ANSWER_S,
     BUS_WATCHDOG,
-    MEASURED,
-    PRESENT_SIZE,
     RETURN_DELAY,
-    SERVO_BAUD,
     TORQUE_ENABLE,
     WATCHDOG,
+    ServoExchange,
     ServoLine,
     ServoMeasurement,
+    ServoReport,
 )
 from tsd_twin.lie import Array
 from tsd_twin.messages.codes import Code, Reason
@@ -60,49 +58,29 @@ _FEED_S = 0.5
 """Period at which the watchdogs are set again, in case one expired during a pause."""
 
 
-@dataclass(frozen=True, slots=True)
-class ServoReport:
-    """Latest measurements of the servos, by index from 0."""
-
-    present: Mapping[int, ServoMeasurement]
-    newest_s: float
-    faults: int = 0
-    """Mask of servos with a hardware error."""
-    limp: int = 0
-    """Mask of servos with torque off."""
-
-    def alive(self, now_s: float) -> int:
-        """Return the mask of servos that responded within `ALIVE_S`."""
-        return sum(1 << i for i, it in self.present.items() if now_s - it.received_s <= ALIVE_S)
-
-
-class ServoBus:
+class ServoBus(ServoExchange):
     """Servo bus as the device of a `DeviceThread`.
 
     Other threads write `command` and read `report`. If this program dies, the servos hold their
     position, and the board stops the robot by shutting off the wheels.
     """
 
-    baud = SERVO_BAUD
-
     def __init__(self, joints: JointConverter, calibration: ServoCalibration) -> None:
-        self.health = LinkHealth("servo_bus")
+        self._ids = calibration.ids(joints.names)
+        line = ServoLine(self._ids, joints.names, MODELS, _OTHER_PROTOCOL)
+        super().__init__(line, CableMonitor(joints, branches_of(joints)), lambda: time.monotonic())
         self.command = JointCommand(np.zeros(joints.count), Heartbeat(False, 0), 0.0)
         self.report: ServoReport | None = None
         self._joints = joints
-        self._ids = calibration.ids(joints.names)
-        self._line = ServoLine(self._ids, joints.names, MODELS, _OTHER_PROTOCOL)
         self._neutral = calibration.neutral(joints.names)
         self._signs = calibration.signs(joints.names)
         self._rest = np.zeros(joints.count)
         self._models: dict[int, ServoModel] = {}
         """Servo models by index."""
         self._approach = Approach(len(joints.names))
-        self.cables = CableMonitor(joints, branches_of(joints))
-        self.cycled_s = 0.0
-        """End of the latest exchange: a servo is silent only while it is asked."""
         self._fed_s = 0.0
         self._cycles = 0
+        self._armed = False
 
     @property
     def far(self) -> int:
@@ -129,8 +107,8 @@ class ServoBus:
         Raises:
             HardwareError: If the port is gone.
         """
-        began_s, broken = time.monotonic(), transport.broken
-        command = self.command
+        began_s, command = self._clock(), self.command
+        self._armed = command.heartbeat.armed
         request = b""
         if began_s - self._fed_s > _FEED_S:
             self._fed_s = began_s
@@ -138,20 +116,7 @@ class ServoBus:
             request += self._line.to_all(BUS_WATCHDOG, [bytes([WATCHDOG])] * len(self._ids))
         setpoint = command.setpoint if command.in_force(began_s) else self._rest
         request += self._goals(setpoint, began_s, armed=command.heartbeat.armed)
-        answered, late = self._line.read_all(transport, request, MEASURED, self._add_responses)
-        now_s, is_broken = time.monotonic(), transport.broken > broken
-        self.cycled_s = now_s
-        missing = missing_mask(self._line.ids, answered)
-        self.cables.add_cycle(missing, now_s, broken=is_broken, late=late)
-        self._cycles += 1
-        if self._cycles % _TORQUE_CYCLES == 0 and answered:
-            self._look_at_torque(transport, answered, armed=command.heartbeat.armed)
-        self.health.add_packets(transport.broken > broken, now_s)
-        if missing:
-            self.health.add_timeout()
-        else:
-            self.health.add_round_trip(now_s - began_s)
-        return bool(answered)
+        return self._exchange(transport, request, began_s)
 
     def disconnected(self) -> None:
         """Discard the report."""
@@ -178,13 +143,7 @@ class ServoBus:
     def _add_responses(self, answers: Sequence[StatusPacket]) -> None:
         now_s = time.monotonic()
         before = self.report or ServoReport({}, now_s, limp=self.far)
-        present: dict[int, ServoMeasurement] = {}
-        faults = before.faults
-        for answer in answers:
-            if answer.id in self._ids and len(answer.data) == PRESENT_SIZE:
-                bit = self._bit(answer.id)
-                faults = faults | bit if answer.error & ALERT else faults & ~bit
-                present[self._ids.index(answer.id)] = ServoMeasurement.unpack(answer.data, now_s)
+        present, faults = self._line.measured(answers, before.faults, now_s)
         self.cables.add_voltages({i: servo.voltage_v for i, servo in present.items()})
         if present:
             self.report = ServoReport({**before.present, **present}, now_s, faults, before.limp)
@@ -192,13 +151,11 @@ class ServoBus:
             steps = self._steps(i, servo.position)
             self._approach.see(i, steps, holds=not before.limp >> i & 1)
 
-    def _look_at_torque(
-        self, transport: SerialTransport, answered: list[int], *, armed: bool
-    ) -> None:
-        """Check which of the servos that answered have torque; while disarmed, enable it if off.
-
-        To wait for the others would delay the next cycle until all servos count as silent.
-        """
+    def _read_state(self, transport: SerialTransport, answered: list[int]) -> None:
+        """Check which of the servos that answered have torque; while disarmed, enable it if off."""
+        self._cycles += 1
+        if self._cycles % _TORQUE_CYCLES != 0 or not answered:
+            return
         request = protocol2.sync_read(answered, TORQUE_ENABLE, 1)
         limp = self.report.limp if self.report else 0
         for answer in transport.request(request, len(answered), ANSWER_S):
@@ -210,7 +167,7 @@ class ServoBus:
             self.cables.add_restarts(lost, time.monotonic())
             self.report = replace(self.report, limp=limp)
         held = limp & ~self.far
-        if held and not armed:
+        if held and not self._armed:
             on = {device: b"\x01" for device in self._ids if held & self._bit(device)}
             transport.request(protocol2.sync_write(TORQUE_ENABLE, on), 0, 0.0)
 
@@ -330,7 +287,9 @@ class U2D2IO:
             ValueError: If the setpoint has the wrong shape or a value is not finite.
         """
         self._wheels.write(setpoint, now_s)
-        self._bus.command = JointCommand(self._joints.checked(setpoint), self._heartbeat, now_s)
+        self._bus.command = JointCommand.checked(
+            setpoint, self._joints.count, self._heartbeat, now_s
+        )
         self._thread.cycle()
 
     def set_heartbeat(self, heartbeat: Heartbeat) -> None:
@@ -351,7 +310,7 @@ class U2D2IO:
         report = self._bus.report
         if report is None or now_s - report.newest_s > SILENT_S:
             return None
-        return float(max(servo.temperature_c for servo in report.present.values()))
+        return report.hottest_c
 
     def hardware(self) -> dict[str, Any]:
         """Return the hardware section of the status, JSON-serializable."""
@@ -386,12 +345,6 @@ class U2D2IO:
         return None
 
     def _status(self, report: ServoReport) -> dict[str, Any]:
-        alive = report.alive(time.monotonic())
         there = sorted(report.present)
-        present = [report.present[i] for i in there]
-        return {
-            "alive": [bool(alive >> i & 1) for i in range(len(self._joints.names))],
-            "voltage_v": [round(p.voltage_v, 1) for p in present],
-            "temperature_c": [p.temperature_c for p in present],
-            "current_a": [round(self._bus.current_a(i, report.present[i]), 2) for i in there],
-        }
+        amperes = [round(self._bus.current_a(i, report.present[i]), 2) for i in there]
+        return report.status(len(self._joints.names), time.monotonic()) | {"current_a": amperes}

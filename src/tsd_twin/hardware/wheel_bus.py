@@ -10,15 +10,15 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from struct import Struct
 
 import numpy as np
 
-from tsd_twin.hardware.cables import CableMonitor, missing_mask
+from tsd_twin.hardware.cables import CableMonitor
 from tsd_twin.hardware.drive_latch import BatteryWatch, DriveLatch, WheelFollowing
-from tsd_twin.hardware.dynamixel.packets import ALERT, StatusPacket, protocol2
+from tsd_twin.hardware.dynamixel.packets import StatusPacket, protocol2
 from tsd_twin.hardware.dynamixel.wheel_models import (
     LOAD_PERCENT,
     SERVOS,
@@ -29,21 +29,19 @@ from tsd_twin.hardware.dynamixel.wheel_models import (
     WheelModel,
 )
 from tsd_twin.hardware.joints import JointCommand, ServoCalibration, ServoNames
-from tsd_twin.hardware.link_health import SILENT_S, LinkHealth
+from tsd_twin.hardware.link_health import SILENT_S
 from tsd_twin.hardware.serial_transport import HardwareError, SerialTransport
 from tsd_twin.hardware.servo_line import (
-    ALIVE_S,
     ANSWER_S,
     BUS_WATCHDOG,
-    MEASURED,
-    PRESENT_SIZE,
     RETURN_DELAY,
-    SERVO_BAUD,
     TORQUE_ENABLE,
     WATCHDOG_EXPIRED,
     WHEEL_WATCHDOG,
+    ServoExchange,
     ServoLine,
     ServoMeasurement,
+    ServoReport,
 )
 from tsd_twin.lie import Array
 from tsd_twin.messages.codes import Code, Reason, because
@@ -62,23 +60,13 @@ HOT_MARGIN_C = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class WheelReport:
+class WheelReport(ServoReport):
     """Latest measurements of the servos, by index from 0."""
 
-    present: Mapping[int, ServoMeasurement]
-    newest_s: float
-    faults: int = 0
-    """Mask of servos with a hardware error."""
-    limp: int = 0
-    """Mask of servos with torque off."""
     expired: int = 0
     """Mask of servos that their bus watchdog has stopped."""
     unguarded: int = 0
     """Mask of servos whose bus watchdog is off, as after a restart."""
-
-    def alive(self, now_s: float) -> int:
-        """Return the mask of servos that responded within `ALIVE_S`."""
-        return sum(1 << i for i, it in self.present.items() if now_s - it.received_s <= ALIVE_S)
 
     @property
     def unready(self) -> int:
@@ -91,14 +79,12 @@ class WheelReport:
         return max(servo.voltage_v for servo in self.present.values())
 
 
-class WheelBus:
+class WheelBus(ServoExchange):
     """Servo bus as the device of a `DeviceThread`.
 
     Other threads write `command` and read `report`. Goals are zero unless an armed command is
     fresh and nothing is wrong; after a trouble only a new arming turns wheels again.
     """
-
-    baud = SERVO_BAUD
 
     def __init__(
         self,
@@ -108,7 +94,9 @@ class WheelBus:
     ) -> None:
         drive = robot.kinematics()
         self.names = ServoNames([joint.name for joint in drive.joints])
-        self.health = LinkHealth("servo_bus")
+        ids = calibration.ids(self.names.names)
+        line = ServoLine(ids, self.names.names, SERVOS, "bring its firmware to Protocol 2.0")
+        super().__init__(line, CableMonitor(self.names), clock)
         count = len(self.names.names)
         self.command = JointCommand(np.zeros(count), Heartbeat(False, 0), 0.0)
         self.report: WheelReport | None = None
@@ -121,18 +109,12 @@ class WheelBus:
         self._top_rad_per_s = drive.max_speed_rad_per_s
         self._hot_c = robot.servo_limit_c - HOT_MARGIN_C
         self._limit_c = robot.servo_limit_c
-        ids = calibration.ids(self.names.names)
-        self._line = ServoLine(ids, self.names.names, SERVOS, "bring its firmware to Protocol 2.0")
         self._signs = np.array(calibration.signs(self.names.names))
         self._latch = DriveLatch()
         self._following = WheelFollowing(self.names.names, self._top_rad_per_s)
         self._battery = BatteryWatch(robot.battery.arm_v, robot.battery.stop_v)
-        self.cables = CableMonitor(self.names)
         self._was_connected = False
-        self.cycled_s = 0.0
-        """End of the latest exchange: a servo is silent only while it is asked."""
         self._cycles = 0
-        self._clock = clock
 
     @property
     def lost(self) -> Reason | None:
@@ -163,25 +145,14 @@ class WheelBus:
         Raises:
             HardwareError: If the port is gone, or a servo that restarted is another one.
         """
-        began_s, broken = self._clock(), transport.broken
-        command = self.command
+        began_s, command = self._clock(), self.command
         self.trouble = self._trouble(command, began_s)
         drives = self._latch.step(command, self.trouble, began_s)
         request = self._line.to_all(GOAL_VELOCITY, self._goals(command.setpoint, drives=drives))
-        answered, late = self._line.read_all(transport, request, MEASURED, self._add_responses)
-        now_s, is_broken = self._clock(), transport.broken > broken
-        self.cycled_s = now_s
-        missing = missing_mask(self._line.ids, answered)
-        self.cables.add_cycle(missing, now_s, broken=is_broken, late=late)
-        self._read_state(transport, answered)
-        self.health.add_packets(transport.broken > broken, now_s)
-        if missing:
-            self.health.add_timeout()
-        else:
-            self.health.add_round_trip(now_s - began_s)
+        any_answered = self._exchange(transport, request, began_s)
         if not command.heartbeat.armed:
             self._prepare_again(transport)
-        return bool(answered)
+        return any_answered
 
     def disconnected(self) -> None:
         """Discard the report; wheels turn only after a new arming."""
@@ -258,25 +229,14 @@ class WheelBus:
     def _add_responses(self, answers: Sequence[StatusPacket]) -> None:
         now_s = self._clock()
         before = self.report or WheelReport({}, now_s)
-        present: dict[int, ServoMeasurement] = {}
-        faults = before.faults
-        for answer in answers:
-            if answer.id in self._line.ids and len(answer.data) == PRESENT_SIZE:
-                bit = self._line.bit(answer.id)
-                faults = faults | bit if answer.error & ALERT else faults & ~bit
-                i = self._line.ids.index(answer.id)
-                present[i] = ServoMeasurement.unpack(answer.data, now_s)
+        present, faults = self._line.measured(answers, before.faults, now_s)
         self.cables.add_voltages({i: servo.voltage_v for i, servo in present.items()})
         if present:
             every = {**before.present, **present}
             self.report = replace(before, present=every, newest_s=now_s, faults=faults)
 
-    def _read_state(self, transport: SerialTransport, answered: Sequence[int]) -> None:
-        """Read torque in one cycle and watchdogs in another; both are rare to change.
-
-        To wait for servos that did not answer would delay the next cycle until all of them count as
-        silent.
-        """
+    def _read_state(self, transport: SerialTransport, answered: list[int]) -> None:
+        """Read torque in one cycle and watchdogs in another; both are rare to change."""
         self._cycles += 1
         at = {0: TORQUE_ENABLE, 2: BUS_WATCHDOG}.get(self._cycles % _STATE_CYCLES)
         if at is None or self.report is None or not answered:
