@@ -1,20 +1,19 @@
 // Dialogs of the bar: keys and settings, the operator's name, and control taken from another.
 
 import { useEffect, useRef } from "preact/hooks";
+import { LanguageChoice, ThemeChoice } from "../panel/view_tab";
 import { useSession } from "../session";
 import type { Link } from "../store/link";
 import { controlTerms } from "../store/requests";
 import { nameOf } from "../text/reasons";
-import { LANGUAGES, language, texts } from "../text/text";
+import { texts } from "../text/text";
 import { Button } from "../ui/button";
 import { Dialog } from "../ui/dialog";
-import { Segmented } from "../ui/segmented";
+import { LineForm } from "../ui/line_form";
 import type { Opened } from "./bar";
 import { Actions, Named, useLease, Who } from "./driver";
 import { FleetLink } from "./facts";
 
-const LANGUAGE_NAMES = { en: "English", de: "Deutsch" };
-const THEMES = ["system", "dark", "light"] as const;
 const ASK_MS = 2000;
 
 interface OpenedProps {
@@ -23,9 +22,8 @@ interface OpenedProps {
 
 /** Keys and settings; in a narrow window also what the bar has no room for. */
 export function Sheet({ opened }: OpenedProps) {
-  const { gamepad, layout, view } = useSession();
+  const { gamepad, layout } = useSession();
   const { bar } = texts();
-  const { dark } = view.settings.value;
   const close = () => (opened.value = null);
   // Lines "key: what it does".
   const keys = gamepad.name.value === null ? bar.keyList : [...bar.padKeys, ...bar.keyList];
@@ -49,18 +47,8 @@ export function Sheet({ opened }: OpenedProps) {
         <Button edge onPress={() => (opened.value = "name")}>
           <OwnName />
         </Button>
-        <Segmented
-          label={bar.theme}
-          value={dark === null ? "system" : dark ? "dark" : "light"}
-          choices={THEMES.map((value) => ({ value, text: bar.themes[value] }))}
-          onChoose={(theme) => view.set({ dark: theme === "system" ? null : theme === "dark" })}
-        />
-        <Segmented
-          label={bar.language}
-          value={language.value}
-          choices={LANGUAGES.map((value) => ({ value, text: LANGUAGE_NAMES[value] }))}
-          onChoose={(chosen) => (language.value = chosen)}
-        />
+        <ThemeChoice />
+        <LanguageChoice />
       </div>
     </Dialog>
   );
@@ -146,36 +134,5 @@ export function TakeOver({ opened }: OpenedProps) {
       </p>
       <LineForm label={bar.reason} most={120} action={bar.takeOver} onSend={take} onClose={close} />
     </Dialog>
-  );
-}
-
-interface LineFormProps {
-  label: string;
-  initial?: string;
-  /** Longest text in characters. */
-  most: number;
-  action: string;
-  onSend: (text: string) => void;
-  onClose: () => void;
-}
-
-function LineForm({ label, initial, most, action, onSend, onClose }: LineFormProps) {
-  const submit = (event: SubmitEvent) => {
-    event.preventDefault();
-    const text = new FormData(event.currentTarget as HTMLFormElement).get("text");
-    onSend(String(text).trim());
-    onClose();
-  };
-  return (
-    <form onSubmit={submit}>
-      <label>
-        {label}
-        <span class="field">
-          <input name="text" dir="auto" maxLength={most} defaultValue={initial} />
-        </span>
-      </label>
-      <p class="note">{texts().bar.spaceTypes}</p>
-      <Button edge submit children={action} />
-    </form>
   );
 }

@@ -83,13 +83,6 @@ export interface Table {
     readonly logOut: string;
     readonly help: string;
     readonly keyList: readonly string[];
-    readonly theme: string;
-    readonly themes: {
-      readonly system: string;
-      readonly dark: string;
-      readonly light: string;
-    };
-    readonly language: string;
     readonly news: {
       readonly soStopped: (cause: Value) => string;
       readonly soOff: (cause: Value) => string;

@@ -1,11 +1,29 @@
 // View tab: what the scene shows on this page, and the colours and language of the page.
 
+import type { ComponentChild } from "preact";
 import { type Layer, LAYERS, TILT_FACTORS, type TiltFactor } from "../generated/wire";
 import { useSession } from "../session";
-import { language, texts } from "../text/text";
+import { type Language, language, texts } from "../text/text";
 import { Segmented } from "../ui/segmented";
 
 const THEMES = { system: null, light: false, dark: true };
+
+/** Choice of the colours of the page. */
+export function ThemeChoice() {
+  const { view } = useSession();
+  const { theme: label, themes: words } = texts().panel.view;
+  const all = Object.keys(THEMES) as (keyof typeof THEMES)[];
+  const theme = all.find((one) => THEMES[one] === view.settings.value.dark) ?? "system";
+  const choose = (one: typeof theme) => view.set({ dark: THEMES[one] });
+  return <Segmented label={label} value={theme} choices={choicesOf(words)} onChoose={choose} />;
+}
+
+export function LanguageChoice() {
+  const { language: label, languages: words } = texts().panel.view;
+  const choose = (one: Language) => (language.value = one);
+  const choices = choicesOf(words);
+  return <Segmented label={label} value={language.value} choices={choices} onChoose={choose} />;
+}
 
 export function ViewTab() {
   const { view, link, pictures } = useSession();
@@ -15,8 +33,6 @@ export function ViewTab() {
   const tilts = Object.fromEntries(
     TILT_FACTORS.map((factor) => [factor, words.times(factor.slice(1))]),
   ) as Record<TiltFactor, string>;
-  const themes = Object.keys(THEMES) as (keyof typeof THEMES)[];
-  const theme = themes.find((one) => THEMES[one] === settings.dark) ?? "system";
   const layers = LAYERS.filter(
     (layer) =>
       layer !== "true_pose" && // It has more than two choices, below.
@@ -53,8 +69,8 @@ export function ViewTab() {
       </section>
       <section class="sec">
         <h2>{words.page}</h2>
-        {choice(words.theme, theme, words.themes, (one) => view.set({ dark: THEMES[one] }))}
-        {choice(words.language, language.value, words.languages, (one) => (language.value = one))}
+        {labelled(words.theme, <ThemeChoice />)}
+        {labelled(words.language, <LanguageChoice />)}
       </section>
     </>
   );
@@ -67,12 +83,20 @@ function choice<T extends string>(
   words: Record<T, string>,
   onChoose: (value: T) => void,
 ) {
-  const all = Object.entries<string>(words) as [T, string][];
-  const choices = all.map(([one, text]) => ({ value: one, text }));
+  const choices = choicesOf(words);
+  const all = <Segmented label={label} value={value} choices={choices} onChoose={onChoose} />;
+  return labelled(label, all);
+}
+
+function choicesOf<T extends string>(words: Record<T, string>) {
+  return (Object.entries<string>(words) as [T, string][]).map(([value, text]) => ({ value, text }));
+}
+
+function labelled(label: string, choices: ComponentChild) {
   return (
     <div class="choice">
       <span aria-hidden="true">{label}</span>
-      <Segmented label={label} value={value} choices={choices} onChoose={onChoose} />
+      {choices}
     </div>
   );
 }

@@ -6,9 +6,9 @@ import { useSession } from "../session";
 import { nameOf } from "../text/reasons";
 import { duration, texts } from "../text/text";
 import { Button, type ButtonProps } from "../ui/button";
+import { LineForm } from "../ui/line_form";
 import { day, iso, megabytes } from "./clock";
 import { answer, request } from "./library";
-import { LineForm } from "./line_form";
 import { addressOf, shared } from "./past";
 
 const TITLE_LENGTH = 40;
