@@ -38,7 +38,10 @@ def commands(text: str) -> set[str]:
         if isinstance(node, ast.Call):
             called = node.func
             if isinstance(called, ast.Attribute):
-                is_protocol = "protocol" in ast.unparse(called.value)
+                owner = ast.unparse(called.value)
+                if owner in MADE:  # A method that makes one.
+                    found.add(owner)
+                is_protocol = "protocol" in owner
                 is_timed = any(each.arg == "duration_s" for each in node.keywords)
                 if (
                     called.attr in CALLS
@@ -94,6 +97,7 @@ def test_every_module_that_is_listed_can_command_a_robot() -> None:
         "def push(session):\n    session.put('twin/tsd/cmd/x/twist', b'')",
         "def push(session, robot):\n    session.put(topics.twist_key(robot, 'x'), b'')",
         "def move(board):\n    board.command = JointCommand(setpoint, beat, 0.0)",
+        "def move(board):\n    board.command = JointCommand.checked(setpoint, 3, beat, 0.0)",
     ],
 )
 def test_a_new_source_that_is_not_in_the_table_is_found(planted: str) -> None:
