@@ -30,6 +30,7 @@ from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.sentences import sentence
 from tsd_twin.messages.status import RobotStatus
 from tsd_twin.motion import TwistLimiter
+from tsd_twin.motion.obstacles import Disc
 from tsd_twin.motion.routes import NavigationGoal
 from tsd_twin.motion.tracking import ExecutionPhase, TrajectoryExecutor
 from tsd_twin.motion.trajectory import Trajectory
@@ -115,15 +116,19 @@ def goal_along(points: Sequence[Sequence[float]], heading_rad: float | None) -> 
     return NavigationGoal(checked_points(points), heading_rad)
 
 
-def plan(goal: NavigationGoal, start: SE2, limits: PlanLimits) -> Trajectory:
+def plan(
+    goal: NavigationGoal, start: SE2, limits: PlanLimits, discs: Sequence[Disc] = ()
+) -> Trajectory:
     """Plan a path from `start` to the goal, timed within the limits; takes about 50 ms.
+
+    It leads around `discs`; a drawn line that enters one is refused.
 
     Raises:
         PathError: If no path exists or the robot cannot follow it.
     """
     if not limits.drives_sideways:
         raise PathError("this robot cannot drive sideways, as it would have to on a planned path")
-    route = goal.route(start)
+    route = goal.route(start, discs)
     turn = _SPEED_SHARE * limits.limits.turn_rate_rad_per_s
     return time_parameterize(
         route,

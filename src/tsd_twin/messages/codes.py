@@ -223,6 +223,7 @@ class Code(StrEnum):
     PATH_NOT_FINITE = "path_not_finite"
     PATH_TOO_LONG = "path_too_long"
     ALREADY_THERE = "already_there"
+    PATH_BLOCKED = "path_blocked"
     PATH_CANNOT_BE_FOLLOWED = "path_cannot_be_followed"
     PATH_NO_LONGER_PLANNED = "path_no_longer_planned"
     POSE_OUT_OF_DATE = "pose_out_of_date"
@@ -486,6 +487,7 @@ PARAMETERS: Mapping[Code, Mapping[str, Type]] = {
     Code.PATH_NOT_FINITE: {},
     Code.PATH_TOO_LONG: {"limit_m": Type.M},
     Code.ALREADY_THERE: {},
+    Code.PATH_BLOCKED: {"robot": Type.NAME},
     Code.PATH_CANNOT_BE_FOLLOWED: {"at_m": Type.M},
     Code.PATH_NO_LONGER_PLANNED: {},
     Code.POSE_OUT_OF_DATE: {"s": Type.S},

@@ -236,6 +236,7 @@ TEMPLATES: Mapping[Code, str] = {
     Code.PATH_NOT_FINITE: "the pose of the robot, or the heading to turn to, is no number",
     Code.PATH_TOO_LONG: "a path may be {limit_m} long at most",
     Code.ALREADY_THERE: "the robot is there already",
+    Code.PATH_BLOCKED: "{robot} is in the way",
     Code.PATH_CANNOT_BE_FOLLOWED: "the route cannot be followed at {at_m}",
     Code.PATH_NO_LONGER_PLANNED: "that path is no longer planned",
     Code.POSE_OUT_OF_DATE: "the robot has not sent its pose for {s}",

@@ -14,6 +14,7 @@ from tsd_twin.errors import PathError
 from tsd_twin.lie import SE2, Array, wrap
 from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.errors import path_refusal
+from tsd_twin.motion.obstacles import Disc, detour, first_entered
 from tsd_twin.motion.paths import Curve, Path, PathPoints, line, scipy_splines
 
 _HEADING_ASIDE_M = 1e-9
@@ -189,6 +190,8 @@ _STEP_M = 0.02
 _MAX_STEPS = 400
 _SMOOTHING_M = 0.015
 """Initial RMS distance between the smoothed line and the drawn points."""
+_CHECK_M = 0.02
+"""Step at which a path is compared with obstacles."""
 _MAX_DEVIATION_M = 0.03
 """Maximum distance anywhere, which the RMS would not bound at a corner."""
 _MAX_HALVINGS = 8
@@ -206,14 +209,14 @@ class NavigationGoal:
     heading_rad: float | None = None
     """Final heading; None keeps the current one."""
 
-    def route(self, start: SE2) -> Route:
-        """Plan the route from the pose `start`.
+    def route(self, start: SE2, discs: Sequence[Disc] = ()) -> Route:
+        """Plan the route from the pose `start`; to a position, around `discs`.
 
         Raises:
-            PathError: If the goal is already reached or too far, the line cannot be smoothed, or a
-                value is not finite.
+            PathError: If the goal is already reached or too far, the line cannot be smoothed, a
+                disc is on a drawn line or at the goal, or a value is not finite.
         """
-        here, goal = start.xy_heading, np.asarray(self.points[-1], dtype=float)
+        here = start.xy_heading
         if not (np.isfinite(here).all() and math.isfinite(self.heading_rad or 0.0)):
             raise path_refusal(because(Code.PATH_NOT_FINITE))
         way, length_m, turn = self._way(start)
@@ -223,7 +226,11 @@ class NavigationGoal:
             raise path_refusal(because(Code.ALREADY_THERE))
         path: Path
         if length_m >= ARRIVAL_TOLERANCE_M:
-            path = line(here[:2].tolist(), goal.tolist()) if len(way) == 2 else _smooth(way)
+            if len(way) == 2:
+                around = detour(way[0], way[1], discs, _MAX_DEVIATION_M)
+                way = np.concatenate([way[:1], around])
+            path = line(way[0].tolist(), way[1].tolist()) if len(way) == 2 else _smooth(way)
+            check_free(path, discs)
         else:
             ahead = here[:2] + _TURN_M * np.array([np.cos(here[2]), np.sin(here[2])])
             path = line(here[:2].tolist(), ahead.tolist())
@@ -250,6 +257,20 @@ class NavigationGoal:
             return self
         left_m: Array = np.linspace(min(done_m, path.length_m), path.length_m, len(self.points) + 1)
         return NavigationGoal(path.at(left_m[1:]).xy, self.heading_rad)
+
+
+def check_free(path: Path, discs: Sequence[Disc], from_m: float = 0.0, to_m: float = 1e9) -> None:
+    """Check that a part of a path enters no disc that it does not start in.
+
+    Raises:
+        PathError: If it does.
+    """
+    to_m = min(to_m, path.length_m)
+    at_m = np.linspace(min(from_m, to_m), to_m, max(2, math.ceil((to_m - from_m) / _CHECK_M) + 1))
+    points = path.at(at_m).xy
+    outside = [disc for disc in discs if math.dist(points[0], disc.xy) >= disc.radius_m]
+    if (robot := first_entered(points, outside)) is not None:
+        raise path_refusal(because(Code.PATH_BLOCKED, robot=robot))
 
 
 def _smooth(points: Array) -> Path:

@@ -24,11 +24,12 @@ from tsd_twin.dashboard.scene.picking import MAX_DISTANCE_M, floor_points
 from tsd_twin.dashboard.sessions.lease import RpcExecutor
 from tsd_twin.dashboard.sessions.navigation import NavigationSession
 from tsd_twin.dashboard.wire.from_page import MAX_POINTS, PlanRequest
-from tsd_twin.dashboard.wire.to_page import ActionReply
+from tsd_twin.dashboard.wire.to_page import ActionReply, RouteState
 from tsd_twin.errors import PathError
 from tsd_twin.lie import SO3
 from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.status import Refusals, RobotStatus, WheelSpeedStatus
+from tsd_twin.motion.obstacles import Disc
 from tsd_twin.motion.tracking import ExecutionPhase, ExecutionStep
 
 THERE_M = 0.05
@@ -311,8 +312,14 @@ class Desk:
         self.feed = RobotFeed(robot=robots.load_robot("tsd"))
         self.answers: list[ActionReply] = []
         scene = EmptyScene()
+        self.discs: list[Disc] = []
         self.going = NavigationSession(
-            "page", RpcExecutor(), scene.pick_floor, scene.show_route, self.answers.append
+            "page",
+            RpcExecutor(),
+            scene.pick_floor,
+            scene.show_route,
+            self.answers.append,
+            lambda _link: self.discs,
         )
         self.say(0.0, 100.0)
 
@@ -338,10 +345,14 @@ class Desk:
 
     async def plan(self) -> int:
         self.request_plan()
+        return (await self.planned()).number
+
+    async def planned(self) -> RouteState:
+        """Wait for a plan."""
         while (shown := self.going.route_state) is None or shown.phase != "planned":
             self.going.update()
             await asyncio.sleep(0.01)
-        return shown.number
+        return shown
 
 
 def test_a_pose_that_is_older_than_a_command_may_be_ends_it_also_while_other_news_comes() -> None:
@@ -536,3 +547,40 @@ def refused(why: Reason) -> ActionReply:
 
 def code_of(reply: dict[str, Any]) -> str:
     return reply["why"]["code"] if reply["why"] else ""
+
+
+def test_a_robot_that_comes_onto_the_path_ends_the_motion_and_the_rest_leads_around_it() -> None:
+    async def run() -> None:
+        desk = Desk()
+        number = await desk.plan()
+        desk.discs = [Disc("kiwi", (1.5, 0.0), 0.3)]  # Beyond the distance in which it stops.
+        assert desk.step(number, 100.1).phase is ExecutionPhase.GOING
+        desk.discs = [Disc("kiwi", (0.5, 0.0), 0.3)]
+        with pytest.raises(PathError) as refused:
+            desk.step(number, 100.15)
+        assert refused.value.why == because(Code.PATH_BLOCKED, robot="kiwi")
+        desk.going.pause()  # As after every refusal.
+        desk.say(0.0, 100.2)
+        planned = await desk.planned()
+        assert planned.number > number
+        assert 2.02 < planned.length_m < 2.3
+
+    asyncio.run(run())
+
+
+def test_a_plan_that_another_robot_blocks_while_it_waits_is_replaced() -> None:
+    async def run() -> None:
+        desk = Desk()
+        number = await desk.plan()
+        desk.discs = [Disc("kiwi", (1.0, 0.1), 0.3)]
+        desk.going.update()
+        planned = await desk.planned()
+        assert planned.number > number
+        assert planned.length_m > 2.005
+        desk.discs = [Disc("kiwi", (2.0, 0.1), 0.3)]
+        while not desk.answers or desk.answers[-1].ok:
+            desk.going.update()
+            await asyncio.sleep(0.01)
+        assert desk.answers[-1].why == because(Code.PATH_BLOCKED, robot="kiwi")
+
+    asyncio.run(run())

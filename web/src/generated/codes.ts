@@ -206,6 +206,7 @@ export const PARAMETERS = {
   path_not_finite: {},
   path_too_long: { limit_m: "m" },
   already_there: {},
+  path_blocked: { robot: "name" },
   path_cannot_be_followed: { at_m: "m" },
   path_no_longer_planned: {},
   pose_out_of_date: { s: "s" },
@@ -405,6 +406,7 @@ export interface CodeParameters {
   path_not_finite: Record<string, never>;
   path_too_long: { limit_m: number };
   already_there: Record<string, never>;
+  path_blocked: { robot: string };
   path_cannot_be_followed: { at_m: number };
   path_no_longer_planned: Record<string, never>;
   pose_out_of_date: { s: number };

@@ -175,6 +175,7 @@ const templates = {
   path_not_finite: "the pose of the robot, or the heading to turn to, is no number",
   path_too_long: "a path may be {limit_m} long at most",
   already_there: "the robot is there already",
+  path_blocked: "{robot} is in the way",
   path_cannot_be_followed: "the route cannot be followed at {at_m}",
   path_no_longer_planned: "that path is no longer planned",
   pose_out_of_date: "the robot has not sent its pose for {s}",

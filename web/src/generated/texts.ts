@@ -388,6 +388,7 @@ export interface Table {
     readonly trail: string;
     readonly truth: string;
     readonly stopsWithin: string;
+    readonly stopReaches: (robot: Value) => string;
     readonly planned: string;
     readonly tilt: string;
     readonly times: (factor: Value) => string;

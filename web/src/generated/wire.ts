@@ -391,6 +391,8 @@ export interface RobotState {
   camera: CameraState | null;
   /** Present while the page shows the map. */
   map: MapState | null;
+  /** Id of the localized robot that the stop envelope of this localized robot reaches. */
+  stop_reaches: string | null;
   /** Present while the page draws the past state. */
   past: PastState | null;
   /** Present while the page shows the comparison. */

@@ -111,10 +111,17 @@ export function Legend() {
   const isShown = (layer: Layer) => !hidden.includes(layer);
   const hasPath = path.route.value !== null && isShown("planned_path");
   const rows = legend(robot, isShown, hasPath, true_pose === "always");
+  const reached = link.state.value?.stop_reaches;
+  const title = link.welcome.value?.robots.find(({ id }) => id === reached)?.title;
   const next = TILT_FACTORS[(TILT_FACTORS.indexOf(tilt) + 1) % TILT_FACTORS.length];
   return (
     <div class="corner br">
       <div class="legend-row" data-covers>
+        {reached && (
+          <b class="chip stop-reaches" role="alert">
+            {scene.stopReaches(title ?? reached)}
+          </b>
+        )}
         {rows.length > 0 && (
           <ul class="chip legend" aria-label={scene.legend}>
             {rows.map(({ sign, name }) => (

@@ -105,7 +105,9 @@ function Floor({ map: { view, trails, picker, routes } }: { map: FloorMap }) {
   const { link } = useSession();
   const { map: words } = texts().scene;
   void link.beat.value;
-  const { robots = [], envelope = null } = link.state.peek()?.map ?? {};
+  const state = link.state.peek();
+  const { robots = [], envelope = null } = state?.map ?? {};
+  const stops = state?.stop_reaches ? "m-stops m-stops-reaches" : "m-stops";
   const shown = robots.find(({ id }) => id === link.robot.peek()?.id);
   const isStale = untracked(() => !isCurrent(freshness(link)));
   const ordered = [...robots].sort((a, b) => Number(a === shown) - Number(b === shown));
@@ -130,7 +132,7 @@ function Floor({ map: { view, trails, picker, routes } }: { map: FloorMap }) {
       <svg viewBox={`${-y - span / 2} ${-x - span / 2} ${span} ${span}`}>
         <g transform="matrix(0 -1 -1 0 0 0)">
           {envelope && shown && !isStale && (
-            <path class="m-stops" d={`${pathOf(envelope)}Z`} transform={placed(shown)} />
+            <path class={stops} d={`${pathOf(envelope)}Z`} transform={placed(shown)} />
           )}
           {robots.map(({ id }) => (
             <path key={id} class="m-trail" d={pathOf(trails[id] ?? [])} />

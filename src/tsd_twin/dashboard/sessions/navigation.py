@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -23,12 +23,15 @@ from tsd_twin.lie import SE2, Array, wrap
 from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.errors import path_refusal, reason_of_path
 from tsd_twin.messages.modes import LATCHED, Mode
-from tsd_twin.motion.routes import NavigationGoal
+from tsd_twin.motion.obstacles import Disc
+from tsd_twin.motion.routes import NavigationGoal, check_free
 from tsd_twin.motion.tracking import ExecutionPhase, ExecutionStep, TrajectoryExecutor
 from tsd_twin.motion.trajectory import Trajectory
 
 _MIN_DRAG_M = 0.05
 """Minimum length of a drag that sets a heading."""
+_REACTION_S = 0.5
+"""Time in which the robot still moves on after an obstacle was seen, without the link's delay."""
 _START_TOLERANCE_M, _START_TOLERANCE_RAD = 0.03, 0.05
 """Position and heading tolerance between the robot and the start of its plan."""
 
@@ -50,6 +53,25 @@ class TimedPlan:
             and bool(abs(wrap(off[2])) < _START_TOLERANCE_RAD)
             and limits_used == self.limits_used
         )
+
+    def is_free(self, discs: Sequence[Disc]) -> bool:
+        """Return whether no obstacle has come onto the path since it was planned."""
+        try:
+            check_free(self.trajectory.route.path, discs)
+        except PathError:
+            return False
+        return True
+
+    def check_ahead(self, done_m: float, discs: Sequence[Disc], delay_s: float) -> None:
+        """Check the part of the path in which the robot can still stop.
+
+        Raises:
+            PathError: If an obstacle is on it.
+        """
+        limits = self.limits_used.limits
+        speed = limits.speed_mps
+        stop_m = speed * (_REACTION_S + delay_s) + 0.5 * speed**2 / limits.deceleration_mps2
+        check_free(self.trajectory.route.path, discs, done_m, done_m + stop_m)
 
     def route_state(
         self,
@@ -111,8 +133,10 @@ class NavigationSession:
         pick_floor: Callable[[str, Array], Future[Array]],
         show_route: Callable[[str, Array | None], None],
         send_reply: Callable[[ActionReply], None],
+        obstacles: Callable[[RobotMonitor], Sequence[Disc]],
     ) -> None:
-        self._page, self._executor = page, executor
+        """`obstacles` returns the places that a robot must not enter now."""
+        self._page, self._executor, self._obstacles = page, executor, obstacles
         self._pick_floor, self._show_route = pick_floor, show_route
         self._send_reply = send_reply
         self._link: RobotMonitor | None = None
@@ -192,9 +216,14 @@ class NavigationSession:
             self._finish(RouteState(self._plan_count, "arrived", 0.0, 0.0, off_mm=round(off_mm, 1)))
             return
         limits = current_limits(link, self._speed_level_percent)
-        if timed_plan is None or not timed_plan.is_valid(SE2(odom.xy_heading), limits):
+        pose, discs = SE2(odom.xy_heading), self._obstacles(link)
+        if (
+            timed_plan is None
+            or not timed_plan.is_valid(pose, limits)
+            or not timed_plan.is_free(discs)
+        ):
             self._timed_plan = None
-            self._start(self._plan(link, self._navigation_goal, SE2(odom.xy_heading), limits))
+            self._start(self._plan(link, self._navigation_goal, pose, limits, discs))
 
     def pause(self) -> None:
         """Handle release of the button; the remaining path is planned again."""
@@ -226,8 +255,8 @@ class NavigationSession:
             delay_s: Measured delay from a command to its effect in a state, if known.
 
         Raises:
-            PathError: If the plan is outdated or for another robot, cannot be started, or was
-                aborted.
+            PathError: If the plan is outdated or for another robot, cannot be started, was aborted,
+                or another robot is in the way.
         """
         timed_plan = self._timed_plan
         if timed_plan is None or link is not self._link or timed_plan.number != number:
@@ -239,6 +268,7 @@ class NavigationSession:
         if self._follower is None:
             self._follower = self._start_following(link, timed_plan, pose)
         self._step = step = self._follower.advance(now_s, pose, delay_s)
+        timed_plan.check_ahead(step.done_m, self._obstacles(link), delay_s or 0.0)
         match step.phase:
             case ExecutionPhase.GOING:
                 pass
@@ -289,9 +319,14 @@ class NavigationSession:
         self._send_reply(ActionReply(to="plan", ok=True))
 
     async def _plan(
-        self, link: RobotMonitor, navigation_goal: NavigationGoal, start: SE2, limits: PlanLimits
+        self,
+        link: RobotMonitor,
+        navigation_goal: NavigationGoal,
+        start: SE2,
+        limits: PlanLimits,
+        discs: Sequence[Disc],
     ) -> None:
-        trajectory = await self._executor.plan(plan, navigation_goal, start, limits)
+        trajectory = await self._executor.plan(plan, navigation_goal, start, limits, discs)
         self._plan_count += 1
         self._timed_plan = TimedPlan(self._plan_count, start, limits, trajectory)
         self._is_drawn = True

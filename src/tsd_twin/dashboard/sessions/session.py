@@ -16,6 +16,7 @@ from tsd_twin.dashboard.scene.client_views import SceneExecutor
 from tsd_twin.dashboard.sessions.lease import LeaseClient
 from tsd_twin.dashboard.sessions.map_data import MapData
 from tsd_twin.dashboard.sessions.navigation import NavigationSession
+from tsd_twin.dashboard.sessions.other_robots import OtherRobots
 from tsd_twin.dashboard.sessions.page_session import (
     VIEWER_REFUSAL,
     WATCH_REFUSAL,
@@ -88,11 +89,16 @@ class Session(PageSession):
             self._operator, executor, self.send, lambda why: self._teleop.release(why)
         )
         self._lease_client.set_name(self._stops.name)
-        self._teleop = TeleopController(
-            self._lease_client,
-            NavigationSession(page, executor, scene.pick_floor, map_data.show_route, self.send),
+        self._others = OtherRobots(self._directory.links, scene.reach_m)
+        navigation = NavigationSession(
+            page,
+            executor,
+            scene.pick_floor,
+            map_data.show_route,
             self.send,
+            self._others.discs,
         )
+        self._teleop = TeleopController(self._lease_client, navigation, self.send)
         self._student = StudentSession(executor, self.send, self._show_student)
         self._look_back = LookBackSession(page, self._directory, scene)
         self._preview = PreviewSession(page, self._directory, scene, self._queue)
@@ -308,6 +314,7 @@ class Session(PageSession):
             plot=self._plot_values(),
             camera=self._scene.camera_state(self.page),
             map=self._map_state() if self._shows_map else None,
+            stop_reaches=self._stop_reaches(),
             past=self._look_back.show(self.robot_id),
             shadow=robot.shadow.report() if self._shows_shadow and robot else None,
         )
@@ -316,6 +323,12 @@ class Session(PageSession):
 
     def _map_state(self) -> MapState:
         return self._directory.on_map(self._map_data.state(self.robot_id or ""))
+
+    def _stop_reaches(self) -> str | None:
+        robot = self._directory.robot(self.robot_id)
+        if robot is None:
+            return None
+        return self._others.reached_by(robot.link, self._scene.envelope(robot.link.id))
 
     def _plot_values(self) -> dict[str, float | None]:
         robot = self._directory.robot(self.robot_id) if self._plot_fields else None

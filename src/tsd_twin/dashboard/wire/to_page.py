@@ -252,6 +252,8 @@ class RobotState(Message, frozen=True, tag="state"):
     """Null before the page's camera was placed in front of the robot."""
     map: MapState | None = None
     """Present while the page shows the map."""
+    stop_reaches: str | None = None
+    """Id of the localized robot that the stop envelope of this localized robot reaches."""
     past: PastState | None = None
     """Present while the page draws the past state."""
     shadow: ShadowReport | None = None
