@@ -14,10 +14,13 @@ import cv2
 import numpy as np
 
 from tsd_twin.camera.detect import Gray, find_tags
+from tsd_twin.camera.lens import Lens
 from tsd_twin.lie import Array
 
 _NEAR_PX = 4.0
 _NUMBER = re.compile(r"[\d.]+")
+_ACROSS_DEG = 60.0
+"""Any angle: without distortion, edges are straight lines."""
 _HALF_PX = 0.5
 """AprilTag counts pixels from their corner, OpenCV from their centre."""
 
@@ -37,7 +40,8 @@ def distance_px(corners: Array, others: Array) -> float:
 def compare(picture: Gray, tags: list[tuple[int, Array]]) -> tuple[int, int, list[int]]:
     """Return how many tags of a list are found, how many others, and the numbers of those."""
     left, others = list(tags), list[int]()
-    for seen in find_tags(picture, ["36h11"]):
+    lens = Lens.ideal(picture.shape[1], picture.shape[0], _ACROSS_DEG)
+    for seen in find_tags(picture, ["36h11"], lens):
         near = [i for i, (_, each) in enumerate(left) if distance_px(seen.corners, each) < _NEAR_PX]
         if near and left[near[0]][0] == seen.number:
             del left[near[0]]

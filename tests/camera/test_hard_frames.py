@@ -44,5 +44,5 @@ def test_tag_with_a_border_on_a_dark_robot_is_found_at_the_edge_of_the_picture()
         # The tag side is 74 px, and half its diagonal 65 px with the border.
         place = view.on_plane(np.array([[column, 720.0 - 72.0]]), tag.height_m)[0]
         pose = np.array([*place, random.uniform(-3.1, 3.1)])
-        seen = find_tags(camera.draw([(robot, [pose])]), [tag.family])
+        seen = find_tags(camera.draw([(robot, [pose])]), [tag.family], view.lens)
         assert [each.number for each in seen] == [3]

@@ -36,7 +36,7 @@ COMMON_ERROR = 2.0
 """Corners of a view share errors of printing and paper, so residuals understate their effect
 (docs/camera.md).
 """
-CORNER_SIGMA_PX = 0.08
+CORNER_SIGMA_PX = 0.03
 """Assumed error of a corner of a tag on the floor, constant over all pictures."""
 OUTWARD_SIGMA_PX = 0.15
 """Displacement of all corners outward or inward by blur and exposure."""

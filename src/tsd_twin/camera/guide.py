@@ -85,7 +85,7 @@ def calibrate_floor(
     corners: dict[int, list[Array]] = {}
     picture: Gray | None = None
     for picture in pictures:
-        for seen in find_tags(picture, {tag.family for tag in tags.values()}):
+        for seen in find_tags(picture, {tag.family for tag in tags.values()}, setup.lens):
             if seen.number in tags:
                 corners.setdefault(seen.number, []).append(seen.corners)
     means = {number: np.median(seen, axis=0) for number, seen in corners.items()}

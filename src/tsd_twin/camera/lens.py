@@ -53,9 +53,13 @@ class Lens:
         focal = self.parameters[:2]
         rays = np.column_stack([np.asarray(flat, float), np.ones(len(points))])
         for _ in range(_REFINEMENTS):  # OpenCV stops after five steps, 0.01 px off in a corner.
-            shown, _ = cv2.projectPoints(rays, _NO, _NO, self.matrix, self.distortion)
-            rays[:, :2] += (points - shown).reshape(-1, 2) / focal
+            rays[:, :2] += (points.reshape(-1, 2) - self.pixels(rays)) / focal
         return rays
+
+    def pixels(self, points: Array) -> Array:
+        """Return the pixels (n, 2) of points (n, 3) in the camera frame."""
+        shown, _ = cv2.projectPoints(points, _NO, _NO, self.matrix, self.distortion)
+        return np.asarray(shown, float).reshape(-1, 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -207,11 +207,11 @@ def _mounting(
     return covariance + errors.heading_rad**2 * np.outer(swing, swing)
 
 
-CORNER_NOISE = 4.0
+CORNER_NOISE = 1.0
 """Standard deviation of a corner in pixels for noise as large as the contrast."""
-CORNER_FLOOR_PX = 0.04
+CORNER_FLOOR_PX = 0.015
 """Standard deviation of a corner without noise: where its pixels lie (docs/camera.md)."""
-BLUR_SHARE = 0.04
+BLUR_SHARE = 0.006
 """Standard deviation of a corner per pixel of motion during the exposure (docs/camera.md)."""
 
 

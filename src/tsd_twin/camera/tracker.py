@@ -115,15 +115,18 @@ class TagTracker:
         """Find the tags of this camera: in windows, or in the whole picture from time to time."""
         for key in [k for k, t in self._tracks.items() if now_s - t.seen_s > _FORGET_S]:
             del self._tracks[key]
+        lens = self.setup.lens
         if not 0.0 <= now_s - self._whole_s < WHOLE_PICTURE_S:
             self._whole_s = now_s
-            return [s for s in find_tags(picture, self._families) if self._is_known(s)]
+            return [s for s in find_tags(picture, self._families, lens) if self._is_known(s)]
         found: list[Sighting] = []
         for (family, number), track in self._tracks.items():
             side = float(np.ptp(track.corners, axis=0).max())
             window = track.window(now_s, side, picture.shape)
             # Windows overlap where robots meet: each counts its own number only.
-            found += [s for s in find_in_window(picture, window, [family]) if s.number == number]
+            found += [
+                s for s in find_in_window(picture, window, [family], lens) if s.number == number
+            ]
         return found
 
     def _is_known(self, sighting: Sighting) -> bool:

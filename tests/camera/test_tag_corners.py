@@ -1,0 +1,94 @@
+"""Corners of tags in simulated pictures, against the true projections."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tsd_twin.camera.detect import Gray, Window, find_in_window, find_tags, refine_corners, side_px
+from tsd_twin.camera.lens import View
+from tsd_twin.camera.planar_fit import corner_points
+from tsd_twin.camera.render import Body, SimulatedCamera, cylinder
+from tsd_twin.camera.simulated import random_view
+from tsd_twin.camera.tags import Tag
+from tsd_twin.lie import Array
+
+SIZE = (1280, 720)
+TAG = Tag(3, 0.16, "tsd", 0.3)
+CELLS = 8
+MOST_OFF_PX = 0.3
+"""Seven standard deviations of a corner of the smallest of these tags, 30 px."""
+
+
+def shown(
+    across_deg: float, height_m: float, seed: int, count: int
+) -> list[tuple[View, Gray, Array]]:
+    """Return the view, the picture and the true corners (4, 2) of tags on robots.
+
+    The outer edge of the white border has much contrast, or little.
+    """
+    random = np.random.default_rng(seed)
+    view = random_view(SIZE, across_deg, height_m, random)
+    camera = SimulatedCamera(view, seed=seed)
+    found: list[tuple[View, Gray, Array]] = []
+    for i in range(count):
+        inset = TAG.size_m * float(view.lens.parameters[0]) / (height_m - TAG.height_m)
+        spot = random.uniform(inset, np.array(SIZE) - inset)
+        place = view.on_plane(spot[None], TAG.height_m)[0]
+        pose = np.array([*place, random.uniform(-math.pi, math.pi)])
+        robot = Body([cylinder(0.2, 0.28, [70, 235, 40][i % 3])], [TAG])
+        found.append((view, camera.draw([(robot, [pose])]), view.project(corner_points(TAG, pose))))
+    return found
+
+
+@pytest.mark.parametrize(("across_deg", "height_m"), [(60.0, 1.6), (60.0, 5.5), (94.0, 2.5)])
+def test_corners_are_where_the_lens_shows_them(across_deg: float, height_m: float) -> None:
+    """For sides of 30 to 135 px."""
+    for view, picture, true in shown(across_deg, height_m, 7, 20):
+        window = Window.around(true, 40.0, picture.shape)
+        (seen,) = find_in_window(picture, window, [TAG.family], view.lens)
+        assert np.linalg.norm(seen.corners - true, axis=1).max() < MOST_OFF_PX
+
+
+def test_a_window_shows_the_corners_of_the_whole_picture() -> None:
+    ((view, picture, true),) = shown(94.0, 2.5, 3, 1)
+    (whole,) = find_tags(picture, [TAG.family], view.lens)
+    for margin_px in (8.0, 20.0, 33.5):
+        window = Window.around(true, margin_px, picture.shape)
+        (seen,) = find_in_window(picture, window, [TAG.family], view.lens)
+        assert np.abs(seen.corners - whole.corners).max() < 0.02
+
+
+PICTURES = shown(94.0, 2.5, 4, 3)
+
+
+@given(
+    picture=st.sampled_from(PICTURES),
+    errors=st.lists(st.floats(-0.3, 0.3), min_size=8, max_size=8),
+)
+@settings(max_examples=100, deadline=None)
+def test_corners_do_not_depend_on_the_first_guess(
+    picture: tuple[View, Gray, Array], errors: list[float]
+) -> None:
+    """Guesses are off by 0.3 cells in each coordinate, which is 1.6 px; OpenCV's, by 2 px."""
+    view, pixels, true = picture
+    cell_px = np.linalg.norm(true[1] - true[0]) / CELLS
+    guess = true + cell_px * np.reshape(errors, (4, 2))
+    refined = refine_corners(pixels, guess, CELLS, view.lens)
+    assert refined is not None
+    assert np.linalg.norm(refined - true, axis=1).max() < MOST_OFF_PX
+
+
+@given(st.lists(st.floats(-40.0, 40.0), min_size=8, max_size=8))
+@settings(max_examples=200, deadline=None)
+def test_corners_never_leave_their_cell(errors: list[float]) -> None:
+    """Any quadrilateral, also one that crosses itself, is refused or stays within a cell."""
+    view, pixels, true = PICTURES[0]
+    guess = true + np.reshape(errors, (4, 2))
+    refined = refine_corners(pixels, guess, CELLS, view.lens)
+    if refined is not None:
+        assert np.linalg.norm(refined - guess, axis=1).max() <= side_px(guess) / CELLS
