@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import signal
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import simplejpeg
 from tests.support.programs import PATIENCE_S, Program
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.camera.setup_file import read_setup
-from tsd_twin.messages.pictures import CameraName, decode_camera_info, decode_picture
+from tsd_twin.messages.pictures import CameraName, decode_camera_info, decode_clock, decode_picture
 from tsd_twin.messages.status import decode_status
 from tsd_twin.messages.topics import STATUS, Sample
 
@@ -53,6 +54,8 @@ def test_a_simulated_camera_tells_a_robot_where_it_is_and_shows_it(start: Start)
         bus.subscribe(CEILING.info_key, describe)
         assert all(each.wait(PATIENCE_S) for each in (used, shown, described))
         assert bus.living_tokens(CEILING.alive_key) == [CEILING.alive_key]
+        asked_ns = time.time_ns()
+        assert asked_ns <= decode_clock(bus.query(CEILING.clock_key, b"")) <= time.time_ns()
     picture = simplejpeg.decode_jpeg(decode_picture(pictures[0].payload).data, "GRAY")
     assert picture.shape[:2] == (720, 1280)
     assert camera.end(signal.SIGTERM) == 0

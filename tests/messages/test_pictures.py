@@ -17,9 +17,11 @@ from tsd_twin.messages.pictures import (
     CompressedImage,
     GroundGrid,
     decode_camera_info,
+    decode_clock,
     decode_ground,
     decode_picture,
     encode_camera_info,
+    encode_clock,
     encode_ground,
     encode_picture,
 )
@@ -53,9 +55,17 @@ def test_a_camera_is_found_from_each_of_its_keys(robot):
     name = CameraName("front", robot)
     assert all(
         CameraName.of(key) == name
-        for key in (name.key, name.info_key, name.ground_key, name.alive_key)
+        for key in (name.key, name.info_key, name.ground_key, name.alive_key, name.clock_key)
     )
     assert CameraName.of("twin/tsd/state/odom") is None
+
+
+@given(st.integers(0, 2**63 - 1), st.binary())
+def test_a_clock_is_decoded_as_it_was_encoded(time_ns, data):
+    assert decode_clock(encode_clock(time_ns)) == time_ns
+    if not data.strip().isdigit():
+        with pytest.raises(MessageError):
+            decode_clock(data)
 
 
 @given(

@@ -47,8 +47,8 @@ LOG = topics.INPUTS.key("tsd")
 ON_RECORD = [*COMMANDS, INSIDE, LOG, Service.STOP.key("tsd")]
 ALIVE = topics.alive_key("tsd")
 FRONT, CEILING = CameraName("front", "tsd"), CameraName("ceiling")
-PICTURES = [FRONT.key, FRONT.info_key, FRONT.alive_key]
-FLOOR = [CEILING.key, CEILING.info_key, CEILING.alive_key]
+PICTURES = [FRONT.key, FRONT.info_key, FRONT.alive_key, FRONT.clock_key]
+FLOOR = [CEILING.key, CEILING.info_key, CEILING.alive_key, CEILING.clock_key]
 KEYS = [*STATES, *EVENTS, *HISTORY, *HOLDERS, *OPEN, *COMMANDS, *OTHERS, INSIDE, LOG, ALIVE]
 KEYS += PICTURES
 SEEN = [*PICTURES, *FLOOR]
@@ -77,10 +77,11 @@ def passing(name: str, flow: str, message: str) -> set[str]:
 @pytest.mark.parametrize("name", NAMES)
 def test_what_somebody_may_say_is_this_and_nothing_else(name: str) -> None:
     operator = name in ("alice", "bob")
+    shown = {*SEEN} if name == "camera" else set[str]()
     own = {"alice": {COMMANDS[0], COMMANDS[-2]}, "bob": {COMMANDS[1]}, "camera": {INSIDE, *SEEN}}
     allowed = {
         "put": {Service.STOP.key("tsd"), *own.get(name, ())},
-        "query": {*OPEN, *HISTORY, *(HOLDERS if operator else ())},
+        "query": {*OPEN, *HISTORY, *SEEN, *(HOLDERS if operator else ())},
         "declare_subscriber": {
             *STATES,
             *EVENTS,
@@ -90,7 +91,9 @@ def test_what_somebody_may_say_is_this_and_nothing_else(name: str) -> None:
         },
         "liveliness_query": {topics.alive_key("tsd"), *HISTORY, *SEEN},
         "declare_liveliness_subscriber": {topics.alive_key("tsd"), *HISTORY, *SEEN},
-        "liveliness_token": {*(SEEN if name == "camera" else ())},
+        "liveliness_token": shown,
+        "declare_queryable": shown,
+        "reply": shown,
     }
     assert {message: passing(name, "ingress", message) for message in MESSAGES} == {
         message: allowed.get(message, set()) for message in MESSAGES
@@ -109,8 +112,9 @@ def test_what_somebody_is_told_is_this_and_nothing_else(name: str) -> None:
             *([INSIDE] if holders else ()),
             *(ON_RECORD if name == "tape" else ()),
         },
-        "reply": {*OPEN, *EVENTS, *holders},
-        "declare_queryable": {*OPEN, *HISTORY, *holders},
+        "reply": {*OPEN, *EVENTS, *SEEN, *holders},
+        "declare_queryable": {*OPEN, *HISTORY, *SEEN, *holders},
+        "query": {*(SEEN if name == "camera" else ())},
         "declare_subscriber": {
             Service.STOP.key("tsd"),
             *(COMMANDS if holders else ()),

@@ -14,6 +14,8 @@ from tsd_twin.security.router_rules import ALL, RobotRights, router_access_contr
 ROBOTS = ("tsd", "lab2", "lab3")
 ROLES = (Role.OPERATOR, Role.VIEWER, Role.SENSOR, Role.RECORDER)
 QUESTIONS = ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_query")
+SHOW = ("put", "liveliness_token", "declare_queryable", "reply")
+"""Messages of a camera."""
 NAME = "alice"
 OTHERS = ("bob", "alice2")
 SOME = st.frozensets(st.sampled_from([*ROBOTS, ALL]))
@@ -68,11 +70,12 @@ def test_the_floor_is_shown_to_those_who_may_watch_all_robots_by_sensors_of_all(
     rules = router_access_control(ROBOTS, [client(NAME, role)], {NAME: RobotRights(use, watch)})
     watches = {
         *(("ingress", message) for message in QUESTIONS),
-        *(("egress", message) for message in ("put", "liveliness_token")),
+        ("ingress", "query"),
+        *(("egress", message) for message in SHOW),
     }
     shows = {
-        *(("ingress", message) for message in ("put", "liveliness_token")),
-        ("egress", "declare_subscriber"),
+        *(("ingress", message) for message in SHOW),
+        *(("egress", message) for message in ("declare_subscriber", "query")),
     }
     expected = (watches if ALL in use | watch else set()) | (
         shows if ALL in use and role is Role.SENSOR else set()

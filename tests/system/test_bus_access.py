@@ -187,6 +187,21 @@ def test_only_a_sensor_shows_pictures_and_the_largest_pass_the_robot(
         token.close()
 
 
+def test_only_a_sensor_answers_for_the_clock_of_a_camera(
+    robot: SecuredRobot, bob: Bus, camera: Bus
+) -> None:
+    for name in CAMERAS:
+        bob.serve(name.clock_key, lambda query: query.reply(FORGED))
+    bob.query(Service.DESC.key(ID), b"")  # The robot has handled what came before.
+    for name in CAMERAS:
+        camera.serve(name.clock_key, lambda query: query.reply(RUBBISH))
+    with Bus(as_client(robot.config("guest"), PATIENCE_S)) as viewer:
+        for name in CAMERAS:
+            while not (answers := viewer.query_all(name.clock_key, b"")):
+                robot.status()
+            assert answers == [RUBBISH]
+
+
 @pytest.mark.parametrize("key", [ALICES, COMMANDS, f"twin/{ID}/cmd/camera/twist", STATUS])
 def test_a_sensor_says_nothing_else_and_gets_no_control(
     robot: SecuredRobot, alice: Bus, camera: Bus, key: str

@@ -173,6 +173,28 @@ def test_pictures_of_the_floor_are_from_sensors_of_all_robots_for_those_who_may_
     assert FLOOR not in {sample.key for sample in limited.heard}
 
 
+def test_clocks_of_cameras_are_for_those_who_see_their_pictures(telling: RouterStage) -> None:
+    with (
+        telling.join("eye") as eye,
+        telling.join("camera") as camera,
+        telling.join("gateway", HIS) as gateway,
+        telling.join("mixed", HIS) as mixed,
+        telling.join("alice", HERS) as alice,
+    ):
+        clocks = [f"{key}/clock" for key in (PICTURES, FLOOR)]
+        for key in clocks:
+            camera.serve(key, lambda query: query.reply(SECRET))
+        camera.query(Service.DESC.key(HERS), b"")  # The router has handled what came before.
+        for key in clocks:
+            eye.serve(key, lambda query: query.reply(b"1"))
+        for key in clocks:
+            while not (answers := gateway.query_all(key, b"")):
+                gateway.query(Service.DESC.key(HIS), b"")
+            assert answers == [b"1"]
+        assert [mixed.query_all(key, b"") for key in clocks] == [[b"1"], []]
+        assert [alice.query_all(key, b"") for key in clocks] == [[], []]
+
+
 @pytest.mark.parametrize("name", ["alice", "camera", "tape"])
 def test_no_question_is_answered_by_another_robot(stage: RouterStage, name: str) -> None:
     with stage.join(name, HERS) as own, stage.join("gateway", HIS) as gateway:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -23,6 +24,7 @@ from tsd_twin.messages.pictures import (
     CameraName,
     CompressedImage,
     encode_camera_info,
+    encode_clock,
     encode_ground,
     encode_picture,
 )
@@ -56,6 +58,7 @@ class CameraPublisher:
         grid = ground_grid(setup.view) if on_floor else None
         self._ground = None if grid is None else pictures.publisher(name.ground_key, QoS.LOG)
         self._grid = b"" if grid is None else encode_ground(grid)
+        pictures.serve(name.clock_key, lambda query: query.reply(encode_clock(time.time_ns())))
         self._token = pictures.declare_token(name.alive_key)
         topic = topics.SENSOR_POSE
         robots = sorted({tag.robot for tag in setup.tags if tag.robot is not None})

@@ -2,13 +2,15 @@
 
 A camera publishes JPEG on `twin/<robot>/camera/<name>` or `floor/<name>`, its `CameraInfo` on
 `<key>/info`, and holds a liveliness token on `<key>/alive`. A calibrated camera above the floor
-publishes a `GroundGrid` on `<key>/ground`, as JSON.
+publishes a `GroundGrid` on `<key>/ground`, as JSON. Queries on `<key>/clock` return the time of the
+clock that stamps its pictures.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -114,6 +116,25 @@ def decode_camera_info(payload: bytes) -> CameraInfo:
     return CameraInfo(frame, width, height, matrix, distortion, stamp_ns)
 
 
+def encode_clock(time_ns: int) -> bytes:
+    """Encode the time of a camera's clock as JSON."""
+    return msgspec.json.encode(time_ns)
+
+
+def decode_clock(payload: bytes) -> int:
+    """Decode the time of a camera's clock, in nanoseconds since 1970.
+
+    Raises:
+        MessageError: If it is not a number of 64 bits (`shape`).
+    """
+    try:
+        return _CLOCK.decode(payload)
+    except msgspec.MsgspecError as error:
+        raise MessageError("shape", f"it is not the time of a clock: {error}") from error
+
+
+_CLOCK = msgspec.json.Decoder(Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)])
+
 UNKNOWN_PLACE = -10.0
 """Place of a point behind the camera or far outside its picture."""
 
@@ -186,6 +207,11 @@ class CameraName:
     def ground_key(self) -> str:
         """Key of its `GroundGrid`."""
         return f"{self.key}/ground"
+
+    @property
+    def clock_key(self) -> str:
+        """Key on which it answers with the time of its clock."""
+        return f"{self.key}/clock"
 
     @property
     def alive_key(self) -> str:

@@ -101,9 +101,9 @@ _SECRETS = (topics.INPUTS,)
 _BRANCHES = sorted({t.path.split("/")[0] for t in topics.TOPICS if t not in (*_CLAIMS, *_SECRETS)})
 
 CAMERAS = (f"{_ANY}/camera/**",)
-"""Pictures of cameras on robots, and the tokens of these cameras."""
+"""Pictures, tokens and clocks of cameras on robots."""
 FLOOR = ("floor/**",)
-"""Pictures and tokens of cameras above the floor, which show all robots."""
+"""Pictures, tokens and clocks of cameras above the floor, which show all robots."""
 SHOWN = (*(f"{_ANY}/{branch}/**" for branch in _BRANCHES), *CAMERAS)
 ALIVE = (topics.alive_key("*"), topics.instance_key("*", "*"), *CAMERAS)
 HISTORY = (f"{topics.EVENT.key('*')}/@adv/**",)
@@ -149,8 +149,8 @@ EVERYBODY = (
     Rule("history", "egress", ("declare_queryable",), HISTORY),
     # The reply to a history query carries the key of the event itself.
     Rule("history-say", "egress", ("reply",), (topics.EVENT.key("*"),)),
-    Rule("open-ask", "ingress", ("query",), OPEN),
-    Rule("open", "egress", ("declare_queryable", "reply"), OPEN),
+    Rule("open-ask", "ingress", ("query",), OPEN + CAMERAS),
+    Rule("open", "egress", ("declare_queryable", "reply"), OPEN + CAMERAS),
     Rule("stop-say", "ingress", ("put",), STOP),
     Rule("stop", "egress", ("declare_subscriber",), STOP),
 )
@@ -168,11 +168,13 @@ OPERATORS = (
 measurements for calibration.
 """
 
+_SHOW = ("put", "liveliness_token", "declare_queryable", "reply")
+"""Messages of a camera: pictures, its token, and the answer to a question for its clock."""
 SENSORS = (
     Rule("outside-say", "ingress", ("put",), SENSOR_POSE),
     Rule("outside", "egress", ("declare_subscriber",), SENSOR_POSE),
-    Rule("picture-say", "ingress", ("put", "liveliness_token"), CAMERAS),
-    Rule("picture", "egress", ("declare_subscriber",), CAMERAS),
+    Rule("picture-say", "ingress", _SHOW, CAMERAS),
+    Rule("picture", "egress", ("declare_subscriber", "query"), CAMERAS),
 )
 """Additional rules for sensors: publish poses and pictures. No other role may, because poses shift
 `odom`, and operators drive by pictures.
@@ -182,15 +184,15 @@ FLOOR_WATCHERS = (
     Rule(
         "floor-ask",
         "ingress",
-        ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"),
+        ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_query", "query"),
         FLOOR,
     ),
-    Rule("floor", "egress", ("put", "liveliness_token"), FLOOR),
+    Rule("floor", "egress", _SHOW, FLOOR),
 )
 """Rules for those who may watch all robots."""
 FLOOR_CAMERAS = (
-    Rule("floor-say", "ingress", ("put", "liveliness_token"), FLOOR),
-    Rule("floor-hear", "egress", ("declare_subscriber",), FLOOR),
+    Rule("floor-say", "ingress", _SHOW, FLOOR),
+    Rule("floor-hear", "egress", ("declare_subscriber", "query"), FLOOR),
 )
 """Additional rules for sensors of all robots."""
 

@@ -11,17 +11,16 @@ from typing import Any, cast
 import numpy as np
 import pytest
 import simplejpeg
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tsd_twin.bus import Bus
 from tsd_twin.dashboard.pictures import feed
-from tsd_twin.dashboard.pictures.feed import HEADER, Cameras, ExposureClock, Viewer
+from tsd_twin.dashboard.pictures.feed import HEADER, Cameras, Viewer
 from tsd_twin.messages.pictures import (
     GROUND_KEYS,
     CameraName,
     CompressedImage,
     GroundGrid,
+    encode_clock,
     encode_ground,
     encode_picture,
 )
@@ -29,6 +28,7 @@ from tsd_twin.messages.topics import Sample
 
 CEILING = CameraName("ceiling")
 PIXELS = np.tile(np.linspace(0, 255, 640).astype(np.uint8)[None, :, None], (360, 1, 3))
+BEHIND_NS = 3600 * 10**9
 JPEG = simplejpeg.encode_jpeg(PIXELS, 80, "BGR")
 OUTLINES = json.dumps({"size": [640, 360], "tags": []}).encode()
 
@@ -40,6 +40,14 @@ class OneCamera:
         self.takers: list[Callable[[Sample], None]] = []
         self.opened = 0
         self.closed = False
+        self.answer: Callable[[], bytes | None] = lambda: None
+        """Answer to a question for its clock."""
+
+    def request(
+        self, key: str, payload: bytes, take: Callable[[bytes | None], None], _: float
+    ) -> None:
+        assert (key, payload) == (CEILING.clock_key, b"")
+        take(self.answer())
 
     def subscribe_liveliness(self, key: str, on_change: Callable[[str, bool], None]) -> None:
         if key == "floor/*/alive":
@@ -187,25 +195,30 @@ def test_what_is_no_picture_is_ignored(payload: bytes) -> None:
     run(work)
 
 
-@given(st.floats(0.0, 1e6), st.lists(st.floats(0.0, 0.4), min_size=1, max_size=50))
-def test_an_age_counts_from_the_exposure_however_long_the_way_was(
-    least_s: float, more_s: list[float]
+@pytest.mark.parametrize(
+    ("answer", "age_s"),
+    [
+        (lambda: encode_clock(time.time_ns() - BEHIND_NS), 0.2),
+        (lambda: None, 3600.2),
+        (lambda: b"soon", 3600.2),
+        (lambda: encode_clock(-BEHIND_NS), 3600.2),
+    ],
+)
+def test_an_age_counts_by_the_clock_of_the_camera(
+    answer: Callable[[], bytes | None], age_s: float
 ) -> None:
-    clock = ExposureClock()
-    for now_s, more in enumerate(more_s):
-        delay_s = least_s + more
-        exposed_s = clock.exposed_s(1000.0 + now_s - delay_s, 1000.0 + now_s, now_s)
-        assert now_s - exposed_s == pytest.approx(delay_s)
+    """Its clock is an hour behind; without a valid answer, its pictures look as old."""
 
+    async def work(camera: OneCamera, cameras: Cameras) -> None:
+        camera.answer = answer
+        (one,) = cameras.feeds.values()
+        began_s = time.monotonic()
+        async with one.watched():
+            camera.publish(age_s=3600.2)
+            age_ms = HEADER.unpack_from(await Viewer(one).next(640))[0]
+        assert abs(1e-3 * age_ms - age_s) <= time.monotonic() - began_s
 
-@given(st.floats(-1e6, -1.0), st.lists(st.floats(0.0, 0.4), min_size=1))
-def test_a_camera_whose_clock_is_ahead_has_pictures_as_old_as_their_extra_delay(
-    offset_s: float, more_s: list[float]
-) -> None:
-    clock = ExposureClock()
-    for more in [0.0, *more_s]:
-        exposed_s = clock.exposed_s(-offset_s - more, 0.0, 0.0)
-        assert -exposed_s == pytest.approx(more, abs=1e-6)
+    run(work)
 
 
 def test_the_floor_of_a_camera_is_known_once_it_says_where_it_is() -> None:

@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
 import struct
 import time
-from collections import deque
 from collections.abc import AsyncGenerator, Callable, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 
 import msgspec
 import simplejpeg
 
 from tsd_twin.bus import Bus
+from tsd_twin.dashboard.pictures.camera_clock import CameraClock
 from tsd_twin.dashboard.pictures.link_budget import LinkBudget, PictureFormat
+from tsd_twin.errors import BusError
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.pictures import (
     ALIVE_KEYS,
     GROUND_KEYS,
     CameraName,
     GroundGrid,
+    decode_clock,
     decode_ground,
     decode_picture,
 )
@@ -35,8 +37,8 @@ MOST_PIXELS = 4096 * 4096
 HEADER = struct.Struct("<ddII")
 """Header of a picture to a page: age and time when it is sent, ms; sequence number; length of the
 outlines in bytes. Outlines and JPEG follow."""
-_STAMPS = 100
-"""Pictures in the comparison of the clocks of camera and dashboard."""
+_CLOCK_PERIOD_S = 1.0
+"""Period of the questions for a camera's clock, and their timeout."""
 
 
 class _Outline(msgspec.Struct):
@@ -70,24 +72,6 @@ class Picture:
     encoded: dict[PictureFormat, asyncio.Future[bytes]] = field(
         default_factory=dict[PictureFormat, asyncio.Future[bytes]]
     )
-
-
-class ExposureClock:
-    """Converts time stamps of a camera to the monotonic clock of this machine.
-
-    Stamps are believed unless they are in the future: then the camera's clock is ahead, and the
-    least delay of recent pictures counts as none. Pictures of a clock that is behind look too old,
-    so that nobody drives by them, as by those that a network holds back.
-    """
-
-    def __init__(self) -> None:
-        self._delays_s: deque[float] = deque(maxlen=_STAMPS)
-
-    def exposed_s(self, stamp_s: float, wall_s: float, now_s: float) -> float:
-        """Return the time of an exposure for a picture that arrives now."""
-        delay_s = wall_s - stamp_s
-        self._delays_s.append(delay_s)
-        return now_s - delay_s + min(0.0, *self._delays_s)
 
 
 class PictureSession:
@@ -128,7 +112,9 @@ class CameraFeed:
         self.is_alive = True
         self._session, self._encoder = session, encoder
         self._loop = asyncio.get_running_loop()
-        self._clock = ExposureClock()
+        self._clock = CameraClock()
+        self._asked_s = -math.inf
+        self._bus: Bus | None = None
         self._viewers = 0
         self._number = 0
         self._end: Callable[[], None] | None = None
@@ -139,12 +125,13 @@ class CameraFeed:
         """Whether a page watches it."""
         return self._viewers > 0
 
-    @asynccontextmanager
+    @contextlib.asynccontextmanager
     async def watched(self) -> AsyncGenerator[None]:
         """Subscribe to the pictures during this context."""
         self._viewers += 1
         try:
-            bus = await self._session.bus()
+            self._bus = bus = await self._session.bus()
+            self._ask_for_clock(bus)
             if self._end is None:
                 self._end = bus.subscribe(self.name.key, self._hand_over)
             yield
@@ -177,7 +164,27 @@ class CameraFeed:
     def _hand_over(self, sample: Sample) -> None:
         self._loop.call_soon_threadsafe(self._add, sample)
 
+    def _ask_for_clock(self, bus: Bus) -> None:
+        asked_s = time.monotonic()
+        if asked_s - self._asked_s < _CLOCK_PERIOD_S:
+            return
+        self._asked_s = asked_s
+
+        def take(answer: bytes | None) -> None:
+            answered_s = time.monotonic()
+            if answer is not None:
+                self._loop.call_soon_threadsafe(self._take_clock, asked_s, answer, answered_s)
+
+        with contextlib.suppress(BusError):  # The session closes.
+            bus.request(self.name.clock_key, b"", take, _CLOCK_PERIOD_S)
+
+    def _take_clock(self, asked_s: float, answer: bytes, answered_s: float) -> None:
+        with contextlib.suppress(MessageError):  # Anybody on the bus can send bytes.
+            self._clock.read(asked_s, 1e-9 * decode_clock(answer), answered_s)
+
     def _add(self, sample: Sample) -> None:
+        if self._bus is not None:
+            self._ask_for_clock(self._bus)
         try:
             message = decode_picture(sample.payload)
             height, width = map(int, simplejpeg.decode_jpeg_header(message.data)[:2])
