@@ -39,7 +39,7 @@ COMMON_ERROR = 2.0
 CORNER_SIGMA_PX = 0.03
 """Assumed error of a corner of a tag on the floor, constant over all pictures."""
 OUTWARD_SIGMA_PX = 0.15
-"""Displacement of all corners outward or inward by blur and exposure."""
+"""Displacement of all corners outward or inward by ink and the brightness curve of the camera."""
 DISTANCE_SIGMA_M = 0.001
 """Error of a distance measured with a tape."""
 _LEAST_TAGS = 3
