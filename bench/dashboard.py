@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import multiprocessing as mp
 import secrets
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Generator, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from multiprocessing.connection import Connection
 from typing import cast
@@ -21,7 +17,7 @@ from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 from bench.bus import paced_speeds, watch_setpoint
-from bench.programs import Load, dashboard, mock, peer, program
+from bench.programs import Load, counter, dashboard, mock, peer, program, python
 from bench.table import Row, Run, percentile, quantiles
 from tests.support.page_client import Page
 from tests.support.scene_doubles import RobotFeed
@@ -30,11 +26,13 @@ from tsd_twin.bus import Bus, client_config
 from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.update_loop import RATE_HZ
+from tsd_twin.messages.modes import LATCHED
 
 _STEP_M = 0.01
 _ROUNDS = 3
 _FLEET = 20
-_CORE_MS, _SCENE_KB_S, _ADDED_MS = 1000.0, 400.0, 5.0
+_SCENE_KB_S, _ADDED_MS = 400.0, 5.0
 """Limits with this many robots and viewers; the last one in excess of a single robot."""
 PROTOCOL = Subprotocol("viser-v1.1.1")
 
@@ -49,7 +47,7 @@ def rows(run: Run) -> Iterator[Row]:
     if run.wants(*names):
         sent = driven(1, seconds)[1]
         hz = sent["frames_hz"]
-        plain = peer("viser", str(round(sent["moves_hz"] / hz / 2.0)), str(hz))
+        plain = plain_server(sent["moves_hz"] / hz, hz)
         with plain as url:
             note = f"{sent['moves_hz']:.0f} moves in {hz:.0f} frames a second"
             for viewers, rows_of in ((1, names[:1]), (20, names[1:])):
@@ -70,6 +68,11 @@ def rows(run: Run) -> Iterator[Row]:
     yield from fleet(run)
 
 
+def plain_server(messages: float, hz: float) -> program:
+    """Return a plain viser server with frames of so many messages, two for each moved node."""
+    return peer("viser", str(round(messages / 2.0)), str(hz))
+
+
 def driven(viewers: int, seconds: float) -> tuple[float, dict[str, float]]:
     """Return the CPU load of a dashboard, ms/s, and the data that each viewer receives."""
     with mock() as endpoint:
@@ -82,52 +85,94 @@ def watched(
     server: program, url: str, viewers: int, seconds: float, what: str
 ) -> tuple[float, dict[str, float]]:
     """Return the CPU load of a server with viewers, ms/s, and the data that each receives."""
-    command = [sys.executable, "-m", "bench.viewers", url, str(viewers), str(seconds), what]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as watching:
-        assert watching.stdout is not None
-        watching.stdout.readline()
-        with Load(server) as load:
-            line = watching.stdout.readline()
-    if not line:
-        raise RuntimeError(f"{viewers} viewers did not see the robot drive")
-    return load.ms_per_s, json.loads(line)
+    watching = viewers_of(url, viewers, what)
+    with watching:
+        return loaded(server, watching, lambda: time.sleep(seconds))
+
+
+def viewers_of(url: str, viewers: int, what: str) -> counter:
+    """Return a process with viewers of a server."""
+    return counter(python("bench.viewers", url, str(viewers), what))
+
+
+def loaded(
+    server: program, watching: counter, act: Callable[[], object]
+) -> tuple[float, dict[str, float]]:
+    """Return the CPU load of a server, ms/s, and the data of its viewers, while `act` runs."""
+    load = Load(server)
+
+    def measured() -> None:
+        with load:
+            act()
+
+    received = watching.during(measured)
+    return load.ms_per_s, received
 
 
 def fleet(run: Run) -> Iterator[Row]:
-    """Drive five of twenty robots, each shown to a viewer; the peer is a single robot."""
+    """Drive five of twenty robots, each shown to a viewer.
+
+    The peers are a plain viser server that sends frames of as many messages at 60 Hz to as many
+    viewers, the requirement, and a single robot.
+    """
     count = int(run.pick(_FLEET, 3))
     commands, seconds = int(run.pick(300, 20)), run.pick(6.0, 0.6)
-    frames: list[float] = []
+    sent: list[dict[str, float]] = []
 
-    def measure(robots: int) -> tuple[float, float, float]:
-        names = ("--id", "lab", "--count", str(robots)) if robots > 1 else ("--id", "lab1")
-        with mock(*names) as endpoint:
-            served = dashboard(endpoint)
-            with served as url, ThreadPoolExecutor(1) as pool, stick(url, endpoint) as delays_ms:
-                watching = pool.submit(watched, served, url, robots, seconds, "fleet")
-                p99_ms = percentile(delays_ms(commands), 0.99)
-                load, received = watching.result()
-                frames.append(received["frames_hz"])
-                return load, received["scene_kB_s"], p99_ms
+    def measure(robots: int) -> tuple[float, dict[str, float], float]:
+        times_ms: list[float] = []
+        with ExitStack() as stack:
+            # A separate process, because robots in one process delay each other.
+            endpoints = [stack.enter_context(mock("--id", "lab0"))]
+            if robots > 1:
+                others = mock("--id", "lab", "--count", str(robots - 1))
+                endpoints += ["--connect", stack.enter_context(others)]
+            served = dashboard(*endpoints)
+            url = stack.enter_context(served)
+            # Take control last, because viewers that connect delay everybody.
+            watching = viewers_of(url, robots, "fleet")
+            stack.enter_context(watching)
+            delays_ms = stack.enter_context(stick(url, endpoints[0]))
+            push = partial(delays_ms, commands)
+            load, received = loaded(served, watching, lambda: times_ms.extend(push()))
+        return load, received, percentile(times_ms, 0.99)
+
+    def subject() -> tuple[float, float, float]:
+        load, received, p99_ms = measure(count)
+        sent.append(received)
+        return load, received["scene_kB_s"], p99_ms
+
+    def bare() -> tuple[float, float, float]:
+        plain = plain_server(sent[-1]["messages_hz"] / sent[-1]["frames_hz"], RATE_HZ)
+        with plain as url:
+            load = watched(plain, url, count, seconds, "scene")[0]
+        return load, _SCENE_KB_S, measure(1)[2] + _ADDED_MS
+
+    def note() -> str:
+        hz, driving = (min(each[key] for each in sent) for key in ("frames_hz", "driving"))
+        return f"{hz:.0f} frames a second, robots driving {100 * driving:.0f} % of the time"
 
     yield from run.alternate(
         ["dashboard.fleet_cpu", "dashboard.fleet_bytes", "dashboard.fleet_delay"],
-        lambda: measure(count),
-        lambda: (_CORE_MS, _SCENE_KB_S, measure(1)[2] + _ADDED_MS),
+        subject,
+        bare,
         rounds=_ROUNDS,
-        note=lambda: f"{min(frames[::2]):.0f} frames a second, {min(frames[1::2]):.0f} with one",
+        note=note,
     )
 
 
 @contextmanager
 def stick(url: str, endpoint: str) -> Generator[Callable[[int], list[float]]]:
-    """Take control of lab1 on a page; yield a function that returns delays to the setpoint, ms."""
+    """Take control of lab0 on a page; yield a function that returns delays to the setpoint, ms."""
     with Bus(client_config([endpoint])) as bus:
-        came = watch_setpoint(bus, "lab1")
+        came = watch_setpoint(bus, "lab0")
         answered = [0]
         page = Page(int(url.rstrip("/").rpartition(":")[2]), secrets.token_hex(8))
 
         def push(vx_mps: float) -> None:
+            status = page.state["status"]
+            if status["mode"] in LATCHED or not page.state["has_control"]:
+                raise RuntimeError(f"lab0 cannot be driven: {page.mode}, {status.get('stop')}")
             if len(page.all("released")) > answered[0]:  # After a stall the stick springs back.
                 answered[0] = len(page.all("released"))
                 page.send(t="release")
@@ -135,9 +180,9 @@ def stick(url: str, endpoint: str) -> Generator[Callable[[int], list[float]]]:
             page.send(t="drive", vx=vx_mps, vy=0.0, omega=0.0, status_seq=state)
 
         try:
-            page.until(lambda: any(each["id"] == "lab1" for each in page.last("welcome")["robots"]))
-            page.send(t="robot", id="lab1")
-            page.until(lambda: page.last("robot")["id"] == "lab1")
+            page.until(lambda: any(each["id"] == "lab0" for each in page.last("welcome")["robots"]))
+            page.send(t="robot", id="lab0")
+            page.until(lambda: page.last("robot")["id"] == "lab0")
             page.make_ready()
             yield partial(paced_speeds, push, came)
             page.let_go()

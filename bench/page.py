@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 
 from playwright.sync_api import Page, ViewportSize, sync_playwright
 
-from bench.programs import dashboard, mock, python
+from bench.programs import dashboard, mock, program, python
 from bench.table import Row, Run, quantiles
 from tests.support.browser import FLAGS, PATIENCE_MS, executable
 from tsd_twin.bus import Bus, client_config
@@ -19,7 +18,6 @@ from tsd_twin.messages.topics import Sample
 
 _SETTLED_MS = 1500.0
 _SIZE: ViewportSize = {"width": 1280, "height": 720}
-_LONGEST_S = "600"
 _LEAST, _TRIES = 10, 8
 """Minimum number of states for a result, and maximum attempts."""
 _NOTES = """
@@ -51,7 +49,7 @@ def rows(run: Run) -> Iterator[Row]:
     with ExitStack() as stack:
         endpoint = stack.enter_context(mock())
         url = stack.enter_context(dashboard(endpoint))
-        _drive(stack, url)
+        stack.enter_context(program(python("bench.viewers", url, "1", "drive")))
         sent_ms: dict[int, float] = {}
 
         def on_status(sample: Sample) -> None:
@@ -82,15 +80,6 @@ def opened(stack: ExitStack) -> Page:
     browser = playwright.chromium.launch(executable_path=executable(), args=list(FLAGS))
     stack.callback(browser.close)
     return browser.new_page(viewport=_SIZE)
-
-
-def _drive(stack: ExitStack, url: str) -> None:
-    """Keep the robot driving until the stack ends."""
-    command = python("bench.viewers", url, "1", _LONGEST_S, "drive")
-    driving = stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
-    stack.callback(driving.kill)
-    assert driving.stdout is not None
-    driving.stdout.readline()
 
 
 def wait_for_scene(page: Page) -> None:

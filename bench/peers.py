@@ -16,6 +16,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ import zenoh
 from viser import ViserServer
 
 from tsd_twin import robots
-from tsd_twin.bus import client_config, dialling_config, node_config
+from tsd_twin.bus import client_config, dialling_config, from_file, node_config
 from tsd_twin.simulation import SimRobot
 
 PERIOD_S = 0.01
@@ -32,6 +33,8 @@ CMD, SETPOINT, STOP = "bench/cmd", "bench/setpoint", "bench/stop"
 STATES = (("joints", 376, 2), ("setpoint", 376, 2), ("odom", 724, 2), ("truth", 724, 2),
           ("status", 1422, 5), ("inputs", 4643, 20))  # fmt: skip
 """Puts of a simulated robot: name, bytes, and period in cycles of its control loop."""
+_ASK_S = 2.0
+"""Period in which a viewer asks for all descriptions."""
 _URGENT: dict[str, Any] = {"priority": zenoh.Priority.REAL_TIME, "express": True}
 
 
@@ -125,6 +128,47 @@ def _ignore(sample: zenoh.Sample) -> None:
     sample.payload.to_bytes()
 
 
+def viewer(config: str, endpoint: str) -> None:
+    """Read all states behind a router, ask for all descriptions, and count as a `counter`."""
+    settings = replace(from_file(config), others={"connect/endpoints": json.dumps([endpoint])})
+    session, received = zenoh.open(settings.parsed()), [0]
+
+    def count(sample: zenoh.Sample) -> None:
+        received[0] += len(sample.payload)
+
+    kept: Any = session.declare_subscriber("twin/*/state/**", count)
+
+    def ask(_number: int) -> None:
+        session.get("twin/*/desc", _drop, timeout=_ASK_S)
+
+    loop(ask, _ASK_S)
+    print("ready:", endpoint, flush=True)
+    while sys.stdin.readline():
+        before, start_s = received[0], time.monotonic()
+        sys.stdin.readline()
+        took_s = time.monotonic() - start_s
+        print(json.dumps({"kB_s": (received[0] - before) / took_s / 1000}), flush=True)
+    kept.undeclare()
+
+
+def blocking_robot(config: str, robot: str) -> None:
+    """Publish poses at 50 Hz that wait for slow readers."""
+    session = zenoh.open(from_file(config).parsed())
+    publisher = session.declare_publisher(
+        f"twin/{robot}/state/odom", congestion_control=zenoh.CongestionControl.BLOCK
+    )
+
+    def tick(_number: int) -> None:
+        publisher.put(bytes(724), attachment=bytes(16))
+
+    loop(tick, 2 * PERIOD_S)
+    ready(robot)
+
+
+def _drop(reply: zenoh.Reply) -> None:
+    del reply
+
+
 def foxglove(endpoint: str) -> None:
     """Forward all states to clients, and what they publish to the bus."""
     sdk: Any = importlib.import_module("foxglove")
@@ -195,7 +239,8 @@ def viser(nodes: str, hz: str) -> None:
 
 
 PEERS: dict[str, Callable[..., None]] = {
-    each.__name__: each for each in (router, node, subscriber, foxglove, ros, viser)
+    each.__name__: each
+    for each in (router, node, subscriber, viewer, blocking_robot, foxglove, ros, viser)
 }
 
 if __name__ == "__main__":

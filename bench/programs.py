@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import time
@@ -46,6 +47,23 @@ class program:  # noqa: N801  It is used as a function.
         with Load(self) as load:
             time.sleep(seconds)
         return load.ms_per_s
+
+
+class counter(program):  # noqa: N801  It is used as a function.
+    """Process that counts from one line of its standard input to the next, and prints JSON."""
+
+    def during(self, act: Callable[[], object]) -> dict[str, float]:
+        """Return the counts while `act` runs."""
+        self._continue()
+        act()
+        self._continue()
+        assert self.process.stdout is not None
+        return json.loads(self.process.stdout.readline())
+
+    def _continue(self) -> None:
+        assert self.process.stdin is not None
+        self.process.stdin.write("\n")
+        self.process.stdin.flush()
 
 
 class Load:

@@ -11,17 +11,18 @@ import tempfile
 import threading
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
 
 import tsd_twin
 from bench.bus import bare_echo, client_commands, paced
-from bench.programs import mock, peer, tool
+from bench.programs import mock, peer, program, tool
 from bench.table import Row, Run, percentile
 from tests.support.key_folders import OPERATOR, make_router_keys
 from tsd_twin.bus import Bus, client_config, dialling_config, from_file
-from tsd_twin.client import RobotClient, RobotStopped
+from tsd_twin.client import RobotClient, RobotControl, RobotStopped
 from tsd_twin.errors import TwinError
 from tsd_twin.messages.modes import LATCHED
 
@@ -32,29 +33,60 @@ _ADDED_MS = 0.5, 2.0
 _PERIOD_S = 0.02
 
 
+@dataclass(frozen=True)
+class RoutedFleet:
+    """A router with its robots and a dashboard; a thread drives some of them in circles."""
+
+    router: program
+    endpoint: str
+    folder: Path
+    """Configurations of the router, the robots and the operator."""
+
+    @property
+    def config(self) -> Path:
+        """Configuration of the operator."""
+        return self.folder / f"{OPERATOR}.json5"
+
+    def connected(self, robot: str) -> RobotClient:
+        """Return a client of a robot."""
+        return tsd_twin.connect(robot=robot, zenoh_config=self.config)
+
+
+OTHERS = [f"idle{number + 1}" for number in range(_ROBOTS - 1)]
+DRIVEN = ["lab1", *OTHERS[: _DRIVEN - 1]]
+
+
+@contextmanager
+def routed_fleet(*reserved: str) -> Generator[RoutedFleet]:
+    """Run a router, twenty robots and a dashboard, and drive all of `DRIVEN` but lab1.
+
+    `reserved` are further names of robots.
+    """
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        endpoint = make_router_keys(folder, ["lab1", *OTHERS, *reserved])
+        router = tool("tsd_router", str(folder / "router.json5"))
+        stack.enter_context(router)
+        it = RoutedFleet(router, endpoint, folder)
+        measured = ("--id", "lab1", "--zenoh-config", str(folder / "lab1.json5"))
+        stack.enter_context(tool("tsd_mock", *measured))  # A process, like the direct one.
+        fleet = ("--id", "idle", "--count", str(len(OTHERS)), "--zenoh-config", str(folder))
+        stack.enter_context(tool("tsd_mock", *fleet))
+        stack.enter_context(tool("tsd_dashboard", "--port", "0", "--zenoh-config", str(it.config)))
+        stack.enter_context(_driven(it, DRIVEN[1:]))
+        yield it
+
+
 def rows(run: Run) -> Iterator[Row]:
     """Drive four robots throughout, and a fifth one for the delays."""
     count = int(run.pick(300, 20))
-    with ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        others = [f"idle{number + 1}" for number in range(_ROBOTS - 1)]
-        make_router_keys(folder, ["lab1", *others])
-        config = folder / f"{OPERATOR}.json5"
-        router = tool("tsd_router", str(folder / "router.json5"))
-        stack.enter_context(router)
-        measured = ("--id", "lab1", "--zenoh-config", str(folder / "lab1.json5"))
-        stack.enter_context(tool("tsd_mock", *measured))  # A process, like the direct one.
-        fleet = ("--id", "idle", "--count", str(_ROBOTS - 1), "--zenoh-config", str(folder))
-        stack.enter_context(tool("tsd_mock", *fleet))
-        stack.enter_context(tool("tsd_dashboard", "--port", "0", "--zenoh-config", str(config)))
+    with routed_fleet() as fleet, ExitStack() as stack:
         endpoint = stack.enter_context(mock())
-        routed = stack.enter_context(Bus(from_file(str(config))))
+        routed = stack.enter_context(Bus(from_file(str(fleet.config))))
         direct = stack.enter_context(Bus(client_config([endpoint])))
-        stack.enter_context(_driven(config, others[: _DRIVEN - 1]))
 
         def routed_ms() -> Sequence[float]:
-            robot = _connected(config, "lab1")
-            return _quantiles(client_commands(routed, robot, count))
+            return _quantiles(client_commands(routed, fleet.connected("lab1"), count))
 
         def direct_ms() -> Sequence[float]:
             delays = _quantiles(client_commands(direct, tsd_twin.connect(endpoint), count))
@@ -65,12 +97,12 @@ def rows(run: Run) -> Iterator[Row]:
             p50_ms, p99_ms = _bare_added_ms(count, int(run.pick(3, 1)))
             note = f"a bare router adds {p50_ms:.2f} ms to p50 and {p99_ms:.2f} ms to p99"
             yield from run.alternate(delays, routed_ms, direct_ms, note=lambda: note)
-        with _driven(config, ["lab1"]):
+        with _driven(fleet, ["lab1"]):
             seconds = run.pick(5.0, 0.5)
             yield from run.alternate(
-                ["router.cpu"], lambda: [router.load(seconds)], lambda: [_CORE_SHARE_MS]
+                ["router.cpu"], lambda: [fleet.router.load(seconds)], lambda: [_CORE_SHARE_MS]
             )
-        process = psutil.Process(router.process.pid)
+        process = psutil.Process(fleet.router.process.pid)
         yield from run.alternate(
             ["router.memory"],
             lambda: [process.memory_info().rss / 1e6],
@@ -93,30 +125,31 @@ def _bare_added_ms(count: int, rounds: int) -> list[float]:
     return [statistics.median(each) for each in zip(*added, strict=True)]
 
 
-def _connected(config: Path, robot: str) -> RobotClient:
-    return tsd_twin.connect(robot=robot, zenoh_config=config)
-
-
 def _quantiles(values: Sequence[float]) -> list[float]:
     return [percentile(values, 0.5), percentile(values, 0.99)]
 
 
+def push(base: RobotControl, vx_mps: float, omega_rad_per_s: float = 0.0) -> None:
+    """Command a twist, as a person who pushes again after a stop on a busy machine."""
+    with suppress(TwinError):  # It shows in the results.
+        try:
+            base.set_velocity(vx_mps=vx_mps, omega_rad_per_s=omega_rad_per_s)
+        except RobotStopped:
+            base.rest()
+
+
 @contextmanager
-def _driven(config: Path, ids: Iterable[str]) -> Generator[None]:
+def _driven(fleet: RoutedFleet, ids: Iterable[str]) -> Generator[None]:
     """Drive robots in circles at 50 Hz, each with a session of its operator."""
     ended = threading.Event()
 
     def drive() -> None:
         while not ended.wait(_PERIOD_S):
             for base in bases:
-                with suppress(TwinError):  # The machine was busy; checked at the end.
-                    try:
-                        base.set_velocity(vx_mps=0.4, omega_rad_per_s=0.8)
-                    except RobotStopped:
-                        base.rest()
+                push(base, 0.4, 0.8)
 
     with ExitStack() as stack:
-        robots = [stack.enter_context(_connected(config, robot_id)) for robot_id in ids]
+        robots = [stack.enter_context(fleet.connected(robot_id)) for robot_id in ids]
         bases = [stack.enter_context(robot.control()) for robot in robots]
         thread = threading.Thread(target=drive)
         thread.start()

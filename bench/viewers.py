@@ -1,8 +1,8 @@
-"""Load generator for viewers: `python -m bench.viewers URL COUNT SECONDS [drive|fleet|scene]`.
+"""Load generator for viewers: `python -m bench.viewers URL COUNT [drive|fleet|scene]`.
 
-Prints the received data of each viewer as JSON. With `drive`, the first viewer takes control and
-drives a circle. With `fleet`, each viewer selects one of the robots lab1, lab2, and so on, and the
-second to fifth drive. With `scene`, the address belongs to a plain viser server.
+It is a `counter`: of the viewer with the most data. With `drive`, the first viewer takes control
+and drives a circle. With `fleet`, each viewer selects one of the robots lab0, lab1, and so on, and
+the second to fifth drive. With `scene`, the address belongs to a plain viser server.
 """
 
 from __future__ import annotations
@@ -27,48 +27,62 @@ _MOVES = ("SetPositionMessage", "SetOrientationMessage")
 
 
 class Tally:
-    """Byte counter of received messages."""
+    """Byte counter of received messages, once started."""
 
-    def __init__(self) -> None:
-        self.scene = 0
-        self.teleop = 0
-        self.frames = 0
-        self.moves = 0
-        self.counting = False
-        self.decodes = False
+    decodes = counting = False
+
+    def start(self) -> None:
+        """Count from zero."""
+        self.scene = self.teleop = self.frames = self.moves = self.messages = 0
+        self.states = self.driving = 0
+        self.counting = True
+
+    def note(self, mode: str) -> None:
+        """Count a state of the robot."""
+        if self.counting:
+            self.states += 1
+            self.driving += mode == "driving"
+
+    @property
+    def driven(self) -> float:
+        """Fraction of the states with a robot that drives."""
+        return self.driving / max(self.states, 1)
 
 
-async def main(url: str, count: int, seconds: float, what: str) -> None:
-    """Connect all viewers, wait until the robot drives, and count."""
+async def main(url: str, count: int, what: str) -> None:
+    """Connect all viewers, wait until the robots drive, and count when asked."""
     tallies = [Tally() for _ in range(count)]
-    tallies[0].decodes = count == 1
+    tallies[0].decodes = count == 1 or what == "fleet"
     events = [asyncio.Event() for _ in tallies]
-    drivers = events[1:5] if what == "fleet" else events[:1]
+    drivers = {"fleet": range(1, 5), "drive": range(1)}.get(what, range(0))
     views: list[Coroutine[Any, Any, None]] = []
     for i, (tally, event) in enumerate(zip(tallies, events, strict=True)):
         if what == "scene":
             views.append(view_scene(url, tally, event))
         else:
-            robot = f"lab{i + 1}" if what == "fleet" else ""
-            views.append(view(url, tally, event, drives=event in drivers, robot=robot))
+            robot = f"lab{i}" if what == "fleet" else ""
+            views.append(view(url, tally, event, drives=i in drivers, robot=robot))
     tasks = [asyncio.create_task(each) for each in views]
     async with asyncio.timeout(60):
-        for event in drivers:
+        for event in events:
             await event.wait()
     await asyncio.sleep(_WARM_UP_S)  # Exclude the initial scene of half a megabyte.
-    for tally in tallies:
-        tally.counting = True
-    print("counting", flush=True)
-    start = time.monotonic()
-    await asyncio.sleep(seconds)
-    took_s = time.monotonic() - start
-    result = {
-        "scene_kB_s": max(tally.scene for tally in tallies) / took_s / 1000,
-        "teleop_kB_s": max(tally.teleop for tally in tallies) / took_s / 1000,
-        "frames_hz": min(tally.frames for tally in tallies) / took_s,
-        "moves_hz": tallies[0].moves / took_s,
-    }
-    print(json.dumps(result), flush=True)
+    print("ready:", url, flush=True)
+    while await asyncio.to_thread(sys.stdin.readline):
+        for tally in tallies:
+            tally.start()
+        start = time.monotonic()
+        await asyncio.to_thread(sys.stdin.readline)
+        took_s = time.monotonic() - start
+        result = {
+            "scene_kB_s": max(tally.scene for tally in tallies) / took_s / 1000,
+            "teleop_kB_s": max(tally.teleop for tally in tallies) / took_s / 1000,
+            "frames_hz": min(tally.frames for tally in tallies) / took_s,
+            "moves_hz": tallies[0].moves / took_s,
+            "messages_hz": tallies[0].messages / took_s,
+            "driving": min((tallies[i].driven for i in drivers if i < count), default=1.0),
+        }
+        print(json.dumps(result), flush=True)
     for task in tasks:
         task.cancel()
     await asyncio.gather(*tasks, return_exceptions=True)
@@ -110,7 +124,9 @@ async def watch(scene: ClientConnection, tally: Tally) -> None:
             tally.scene += len(frame)
             tally.frames += 1
             if tally.decodes and isinstance(frame, bytes):
-                tally.moves += sum(each["type"] in _MOVES for each in decoded(frame))
+                kinds = [each["type"] for each in decoded(frame)]
+                tally.messages += len(kinds)
+                tally.moves += sum(kind in _MOVES for kind in kinds)
 
 
 async def operate(
@@ -121,7 +137,10 @@ async def operate(
     drives: bool,
     robot: str = "",
 ) -> None:
-    """Send heartbeats like a page, and drive a circle if `drives`."""
+    """Send heartbeats like a page, and drive a circle if `drives`.
+
+    `driving` is set once the robot drives, for other viewers once it is shown.
+    """
     shown = ""
     seen: dict[str, Any] = {"status_seq": 0, "mode": "", "has_control": False}
     asked: set[str] = set()
@@ -145,9 +164,10 @@ async def operate(
                 continue
             seen["status_seq"], seen["mode"] = message["status_seq"], message["status"]["mode"]
             seen["has_control"] = message["has_control"]
-            if seen["mode"] == "driving":
+            tally.note(seen["mode"])
+            if not drives or seen["mode"] == "driving":
                 driving.set()
-            elif drives and (request := next_request(message, asked)) is not None:
+            elif (request := next_request(message, asked)) is not None:
                 await send(**request)
     finally:
         sending.cancel()
@@ -178,4 +198,4 @@ def next_request(state: dict[str, Any], asked: set[str]) -> dict[str, Any] | Non
 
 
 if __name__ == "__main__":
-    asyncio.run(main(sys.argv[1], int(sys.argv[2]), float(sys.argv[3]), sys.argv[4]))
+    asyncio.run(main(sys.argv[1], int(sys.argv[2]), sys.argv[3]))

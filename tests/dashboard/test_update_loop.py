@@ -160,6 +160,19 @@ def test_a_driven_robot_sends_all_streams_although_no_page_shows_it(
         until(lambda: it.follows and not it.snapshot.in_summary)
 
 
+def test_states_arrive_while_the_scene_is_being_changed(
+    bus: Bus, server: viser.ViserServer
+) -> None:
+    """A driver whose states are late has to release the controls."""
+    with running(bus, server) as it:
+        it.watched.set()
+        it.loop.wake()
+        until(lambda: "tsd" in it.scene.visuals and it.follows)
+        with it.scene.lock:  # As while viewers connect.
+            heard = len(it.statuses)
+            until(lambda: len(it.statuses) >= heard + 10)
+
+
 def test_a_page_that_opens_has_the_state_at_once(bus: Bus, server: viser.ViserServer) -> None:
     with running(bus, server) as it:
         # Drawing new meshes takes the interpreter from the loop; this test excludes it.

@@ -15,7 +15,7 @@ from bench.table import BUSY, MAX_WITHHELD, MISS, OK, Row, Run, compare, write_j
 from bench.targets import TARGETS
 
 ROOT = Path(__file__).parents[2]
-HEAVY = {"firmware", "bridge", "page", "pictures", "plots", "response", "router"}
+HEAVY = {"firmware", "bridge", "page", "pictures", "plots", "response", "router", "fleet"}
 NAME = "kinematics.single"
 LIMIT = TARGETS[NAME].limit
 

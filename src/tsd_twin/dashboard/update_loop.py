@@ -109,11 +109,17 @@ class UpdateLoop:
             # commands.
             if link.poll(now_s):
                 self._on_status(robot_id)
-            if not self._active:
-                continue
+        # Viewers that connect hold the lock; a driver's states must not wait for them.
+        if self._active and self._scene.lock.acquire(timeout=1.0 / RATE_HZ):
+            try:
+                self._draw(now_s)
+            finally:
+                self._scene.lock.release()
+
+    def _draw(self, now_s: float) -> None:
+        for robot_id, link in self._discovery.links.items():
             stale = link.snapshot.overdue_s(now_s) > STALE_S
             if stale is not self._stale.get(robot_id):
                 self._stale[robot_id] = stale
                 self._scene.set_stale(robot_id, stale)
-        if self._active:
-            self._scene.draw()
+        self._scene.draw()
