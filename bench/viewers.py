@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import itertools
 import json
+import math
 import secrets
 import sys
 import time
@@ -22,7 +23,7 @@ from websockets.typing import Subprotocol
 
 from tests.support.viser_client import CAMERA, decoded
 
-_WARM_UP_S = 1.5
+_WARM_UP_S, _ASK_AGAIN_S = 1.5, 2.0
 _MOVES = ("SetPositionMessage", "SetOrientationMessage")
 
 
@@ -143,7 +144,7 @@ async def operate(
     """
     shown = ""
     seen: dict[str, Any] = {"status_seq": 0, "mode": "", "has_control": False}
-    asked: set[str] = set()
+    asked_s: dict[str, float] = {}
 
     async def send(**message: Any) -> None:
         await teleop.send(json.dumps(message))
@@ -167,7 +168,7 @@ async def operate(
             tally.note(seen["mode"])
             if not drives or seen["mode"] == "driving":
                 driving.set()
-            elif (request := next_request(message, asked)) is not None:
+            elif (request := next_request(message, asked_s)) is not None:
                 await send(**request)
     finally:
         sending.cancel()
@@ -185,14 +186,15 @@ async def send_commands(
         await asyncio.sleep(0.02)
 
 
-def next_request(state: dict[str, Any], asked: set[str]) -> dict[str, Any] | None:
-    """Return the next request towards driving, each only once."""
+def next_request(state: dict[str, Any], asked_s: dict[str, float]) -> dict[str, Any] | None:
+    """Return the next request towards driving, again if it had no effect for a while."""
+    now_s = time.monotonic()
     for wanted, request in (
         (not state["has_control"], {"t": "lease", "op": "acquire"}),
         (state["has_control"] and state["status"]["mode"] == "disarmed", {"t": "arm"}),
     ):
-        if wanted and request["t"] not in asked:
-            asked.add(request["t"])
+        if wanted and now_s - asked_s.get(request["t"], -math.inf) >= _ASK_AGAIN_S:
+            asked_s[request["t"]] = now_s
             return request
     return None
 
