@@ -85,13 +85,7 @@ TARGETS: dict[str, Target] = {
         1, "stick to setpoint, p99, 20 robots", "one robot and 5 ms", "ms", provisional=False
     ),
     "fleet.slow_arrived": Target(
-        1,
-        "commands, slow viewers",
-        "required",
-        "%",
-        "the requirement",
-        at_least=True,
-        provisional=False,
+        1, "commands, slow viewers", "required", "%", at_least=True, provisional=False
     ),
     "fleet.slow_p99": Target(
         1, "set_velocity to setpoint, slow viewers", "without and 3 ms", "ms", provisional=False
