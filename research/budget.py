@@ -227,6 +227,12 @@ def _draw_battery(
     return replace(none, speed_scale_error=none.speed_scale_error + share)
 
 
+def _draw_motor(robot: SingularityDescription, random: np.random.Generator, runs: int) -> ErrorSet:
+    none = _no_errors(robot, runs)
+    share = robot.errors.motor_share * random.standard_normal((runs, 1))
+    return replace(none, speed_scale_error=none.speed_scale_error + share)
+
+
 def _draw_layers(robot: SingularityDescription, random: np.random.Generator, runs: int) -> ErrorSet:
     none = _no_errors(robot, runs)
     phase = random.uniform(0.0, 2.0 * np.pi, none.speed_scale_error.shape)
@@ -283,6 +289,7 @@ ERROR_SOURCES = (
     ),
     ErrorSource("spin of each wheel", "[noise]: 1 %", _draw_spin),
     ErrorSource("battery", "[errors]: 3 %, all wheels alike (assumed)", _draw_battery),
+    ErrorSource("curve of motors", "[errors]: 4 %, all wheels alike (Table 1)", _draw_motor),
     ErrorSource(
         "gimbal zero", "[errors]: 95 % creep less than an inch in 30 s (thesis)", _draw_zero
     ),
