@@ -32,9 +32,10 @@ PERIOD_S = 0.01
 ROBOT = robots.load_robot("tsd")
 
 
-def with_exact_setpoints(robot: RobotDescription) -> SingularityDescription:
+def with_exact_setpoints(robot: RobotDescription) -> RobotDescription:
     """Return a robot whose setpoints are those of inverse kinematics, not rounded to steps."""
-    assert isinstance(robot, SingularityDescription)
+    if not isinstance(robot, SingularityDescription):
+        return robot
     servo = msgspec.structs.replace(robot.servo, joint_rounding=False)
     return msgspec.structs.replace(robot, servo=servo)
 
