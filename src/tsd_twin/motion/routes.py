@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -260,7 +260,7 @@ class NavigationGoal:
 
 
 def check_free(path: Path, discs: Sequence[Disc], from_m: float = 0.0, to_m: float = 1e9) -> None:
-    """Check that a part of a path enters no disc that it does not start in.
+    """Check that a part of a path enters no disc, and leads no deeper into one it starts in.
 
     Raises:
         PathError: If it does.
@@ -268,8 +268,11 @@ def check_free(path: Path, discs: Sequence[Disc], from_m: float = 0.0, to_m: flo
     to_m = min(to_m, path.length_m)
     at_m = np.linspace(min(from_m, to_m), to_m, max(2, math.ceil((to_m - from_m) / _CHECK_M) + 1))
     points = path.at(at_m).xy
-    outside = [disc for disc in discs if math.dist(points[0], disc.xy) >= disc.radius_m]
-    if (robot := first_entered(points, outside)) is not None:
+    shrunk = [
+        replace(disc, radius_m=min(disc.radius_m, math.dist(points[0], disc.xy) - _MAX_DEVIATION_M))
+        for disc in discs
+    ]
+    if (robot := first_entered(points, shrunk)) is not None:
         raise path_refusal(because(Code.PATH_BLOCKED, robot=robot))
 
 
