@@ -181,11 +181,9 @@ def _write(
 ) -> list[str]:
     old = robot.calibration.spin_scale or [1.0] * robot.drive.modules
     scale = [round(found.share * each, 5) for each in old]
-    sigma = round(found.sigma, 5)
-    lines = [f"[calibration] spin_scale = {scale}", f"[errors] motor_share = {sigma}"]
+    lines = [f"[calibration] spin_scale = {scale}"]
     if args.write_to:
-        changes = {"calibration": {"spin_scale": scale}, "errors": {"motor_share": sigma}}
-        write_description(args.write_to, text, changes)
+        write_description(args.write_to, text, {"calibration": {"spin_scale": scale}})
         lines.append(f"written into {args.write_to}: start the robot with it")
     return lines
 
