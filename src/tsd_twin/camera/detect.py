@@ -41,7 +41,7 @@ LEAST_SIDE_PX = 12.0
 _SIZE_STEP_PX = 32
 """Sizes of windows are rounded up to it, so that few detectors are kept."""
 _EDGE_POINTS = 32
-"""Points of each side in which its edge is measured; half a cell at both ends is left out."""
+"""Number of profiles across each edge, without half a cell at both ends."""
 _REACH_CELLS = 0.8, 0.5
 """Half length of a profile across an edge, within the white border.
 

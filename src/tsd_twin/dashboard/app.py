@@ -28,7 +28,7 @@ from tsd_twin.dashboard.update_loop import UpdateLoop
 TITLE = "tsd-twin"
 _STOP_POLL_S = 0.2
 _SWITCH_S = 0.001
-"""A busy thread keeps the others waiting for so long; a stop passes through four of them."""
+"""Time slice of a busy thread, for which others wait; a stop passes through four threads."""
 
 
 async def run(

@@ -206,9 +206,9 @@ class ConsistencyMonitor:
     a common factor that is unknown between 0 and 1.
 
     The suspect is the actuator of the joint that alone explains the whole residual, if any;
-    otherwise the actuator whose removal leaves the others most consistent. There is none if two
-    explain it equally well: either of two modules may explain an error in the distance between
-    them.
+    otherwise the actuator whose removal leaves the others most consistent. If two explain it
+    equally well, nobody is suspected: either of two modules may explain an error in the distance
+    between them.
     """
 
     def __init__(

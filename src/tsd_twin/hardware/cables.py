@@ -1,8 +1,8 @@
 """Which cable is loose: answers, voltages and restarts of servos, counted and explained. Pure.
 
-A loose contact shows long before it stops the robot. Which servos miss the same answers, and
-whether they restart, tells the plug of one servo, the wire to several, their supply, the ground of
-the data wire, and the data wire of the whole bus apart.
+A loose contact shows long before it stops the robot. The servos that miss the same answers, and
+their restarts, identify the cause: the plug of one servo, the wire to several, their supply, the
+ground of the data wire, or the data wire of the whole bus.
 """
 
 from __future__ import annotations

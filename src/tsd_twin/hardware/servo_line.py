@@ -266,7 +266,7 @@ class ServoLine:
 
 
 class ServoExchange:
-    """Requests to all servos of a line, and what their answers tell about line and cables."""
+    """Requests to all servos of a line, and the health of line and cables by their answers."""
 
     baud = SERVO_BAUD
 
@@ -302,7 +302,7 @@ class ServoExchange:
         raise NotImplementedError
 
     def _read_state(self, transport: SerialTransport, answered: list[int]) -> None:
-        """Read what changes rarely from the servos that answered.
+        """Read the slowly changing state of the servos that answered.
 
         To wait for the others would delay the next cycle until all servos count as silent.
         """

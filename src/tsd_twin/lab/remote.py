@@ -39,7 +39,7 @@ LOOK_AHEAD_S = 0.7
 """Preview of the operator, in time at the speed of the stick."""
 _TURN_PER_RAD = 1.5
 _PUSH_AGAIN_S = 1.0
-"""Time that a person needs to notice that the robot has stopped, let go and push again."""
+"""Reaction time of a person after a stop of the robot: release the stick and push it again."""
 _MARGIN_S = 0.15
 """Age of a command apart from the link: periods of status and command, and its execution."""
 _UNCAPPED_M = 1000.0
@@ -73,7 +73,7 @@ class RemoteRun:
     took_s: float
     finished: bool
     stops: int
-    """Automatic stops on the way."""
+    """Number of automatic stops during the drive."""
 
     @property
     def rms_m(self) -> float:

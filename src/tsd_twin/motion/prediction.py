@@ -119,7 +119,7 @@ class Predictor:
         share: float,
         measured: Array | None,
     ) -> Iterator[tuple[float, SE2, Array]]:
-        """Yield time, pose and actual twist (3,), which lags the commanded one, of each step.
+        """Yield the time, pose and actual twist (3,) of each step; it lags the commanded twist.
 
         It starts at `pose` with `twist` (3,) commanded to the joints, moving with the twist
         `measured` (3,), or with the commanded one if None. `commands` are in the order of arrival.

@@ -136,9 +136,9 @@ class _ClientChannel(msgspec.Struct, frozen=True):
 class _Operation(msgspec.Struct, frozen=True):
     op: str
     channels: msgspec.Raw = msgspec.Raw(b"null")
-    """Of an `advertise` message."""
+    """Channels in an `advertise` message."""
     channelIds: msgspec.Raw = msgspec.Raw(b"null")  # noqa: N815  Name defined by the protocol.
-    """Of `unadvertise`."""
+    """Ids in an `unadvertise` message."""
 
 
 @dataclass(slots=True)

@@ -173,8 +173,8 @@ ROBOT_COLOURS: tuple[Rgb, ...] = (
     (118, 106, 7),
     (195, 13, 149),
 )
-"""Each has a contrast of at least 3 : 1 to the light and the dark background, and any two can be
-told apart by colour-blind people.
+"""Each has a contrast of at least 3 : 1 to the light and the dark background, and
+colour-blind people can distinguish any two.
 """
 
 

@@ -1,4 +1,4 @@
-"""Other robots on the same floor: obstacles for paths, and what a stop envelope reaches."""
+"""Other robots on the same floor, as obstacles for paths and inside the stop envelope."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class OtherRobots:
         self._links, self._reach_m = links, reach_m
 
     def discs(self, link: RobotMonitor) -> list[Disc]:
-        """Return the obstacles for paths of a robot; none if it is not localized itself."""
+        """Return the obstacles for paths of a localized robot, or an empty list."""
         if (own := _localized(link)) is None:
             return []
         own_m = self._reach_m(link.id) + _uncertainty_m(own)
