@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tests.support.withheld import AS_OTHERS
+from tests.support.withheld import AS_OTHERS, PATIENCE_S
 
 
 def build(source: Path, target: str, into: Path) -> None:
@@ -30,7 +30,7 @@ def run_outside(command: list[str], folder: Path) -> subprocess.CompletedProcess
         env=outside_environment(),
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=PATIENCE_S,
     )
 
 

@@ -18,6 +18,8 @@ from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.support.withheld import PATIENCE_S
+
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "tests/planted"
 EVERY_S = 2.0
@@ -83,7 +85,7 @@ def fails(test: str, fault: str = "", start: Sequence[str] = ()) -> bool:
         env=os.environ | variables,
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=PATIENCE_S,
     )
     if done.returncode > 1 or ("1 failed" not in done.stdout and "1 passed" not in done.stdout):
         raise RuntimeError(done.stdout + done.stderr)

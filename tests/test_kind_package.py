@@ -19,7 +19,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.page_client import Page
-from tests.support.withheld import AS_OTHERS
+from tests.support.withheld import AS_OTHERS, PATIENCE_S
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / "examples/diffdrive"
@@ -34,7 +34,7 @@ def _run(command: list[str], folder: Path, *, succeeds: bool = True) -> str:
     """Return the output of a program started outside the checkout."""
     done = subprocess.run(
         [*AS_OTHERS, *command],
-        cwd=folder, env=_environment(), capture_output=True, text=True, timeout=300,
+        cwd=folder, env=_environment(), capture_output=True, text=True, timeout=PATIENCE_S,
     )  # fmt: skip
     assert (done.returncode == 0) is succeeds, done.stderr
     return done.stdout if succeeds else done.stderr

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from tests.slow_tests import TESTS, is_long, long_listed, name_of
-from tests.support.withheld import AS_OTHERS
+from tests.support.withheld import AS_OTHERS, PATIENCE_S
 
 
 @pytest.mark.system
@@ -17,7 +17,7 @@ def test_every_line_of_the_list_names_a_test() -> None:
     flags = ["-q", "--collect-only", "-p", "no:cacheprovider", "-m", "long"]
     done = subprocess.run(
         [*AS_OTHERS, sys.executable, "-m", "pytest", *flags, *files],
-        cwd=TESTS.parent, capture_output=True, text=True, timeout=300,
+        cwd=TESTS.parent, capture_output=True, text=True, timeout=PATIENCE_S,
     )  # fmt: skip
     found = {line.removeprefix("tests/") for line in done.stdout.splitlines() if "::" in line}
     assert found

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.slow_tests import LIMIT_S, TESTS, listed, name_of, slow
-from tests.support.withheld import AS_OTHERS
+from tests.support.withheld import AS_OTHERS, PATIENCE_S
 
 
 @pytest.mark.parametrize("file", sorted({name.split("::")[0] for name in listed()}))
@@ -38,7 +38,7 @@ def test_they_are_deselected_by_their_mark() -> None:
     flags = ["-q", "--collect-only", "-p", "no:cacheprovider", "-m", "slow"]
     done = subprocess.run(
         [*AS_OTHERS, sys.executable, "-m", "pytest", *flags, str(file)],
-        cwd=TESTS.parent, capture_output=True, text=True, timeout=300,
+        cwd=TESTS.parent, capture_output=True, text=True, timeout=PATIENCE_S,
     )  # fmt: skip
     found = {name_of(line) for line in done.stdout.splitlines() if "::" in line}
     assert found == {name for name in listed() if name.startswith(f"{name_of(str(file))}::")}

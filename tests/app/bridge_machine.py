@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any, cast
 
 from tests.support.bus_operator import BusOperator
-from tests.support.programs import PATIENCE_S, Program
+from tests.support.programs import Program
 from tests.support.robot_node import RunningNode
-from tests.support.withheld import own_threads_to_realtime
+from tests.support.withheld import PATIENCE_S, own_threads_to_realtime
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.messages.topics import Service

@@ -13,8 +13,9 @@ from typing import Any
 from robo_ws_bridge import WebSocketBridgeClient
 from rosbags.typesys import Stores, get_typestore
 
+from tests.support.withheld import PATIENCE_S
+
 STORE = get_typestore(Stores.ROS2_JAZZY)
-PATIENCE_S = 60.0
 _PUSH_S, _HELD_S = 5.0, 60.0
 TWIST = "geometry_msgs/msg/Twist"
 

@@ -10,7 +10,7 @@ import numpy as np
 from playwright.sync_api import Page
 
 from tests.support.browser import centre, get_ready
-from tests.support.withheld import budget
+from tests.support.withheld import PATIENCE_S, budget
 from tsd_twin.bus import Bus, Config, client_config
 from tsd_twin.lie import Array
 from tsd_twin.messages import topics
@@ -19,7 +19,6 @@ from tsd_twin.messages.topics import Sample
 
 PRESSES, PRESS_S = 10, 5.0
 """How often a control is pressed until the robot does what it should, and for how long."""
-_PATIENCE_S = 60.0
 
 
 @dataclass
@@ -92,7 +91,7 @@ class Watcher:
     def until(self, condition: Callable[[], bool], what: str) -> None:
         """Wait until the truth is as expected."""
         with self._news:
-            assert self._news.wait_for(condition, _PATIENCE_S), f"never: {what}, at {self.truth}"
+            assert self._news.wait_for(condition, PATIENCE_S), f"never: {what}, at {self.truth}"
 
     def holding(self, press: Press, condition: Callable[[], bool], what: str) -> None:
         """Hold a control until the truth is as expected.

@@ -30,7 +30,8 @@ from tests.support.browser import (
     press_linked,
 )
 from tests.support.gateway_requests import nginx
-from tests.support.programs import PATIENCE_S, Program
+from tests.support.programs import Program
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.security import Role
 from tsd_twin.security.users import Users
 

@@ -16,8 +16,8 @@ import pytest
 from tests.support.bus_operator import BusOperator
 from tests.support.experiment_runs import is_picture
 from tests.support.programs import Program
-from tests.support.robot_node import PATIENCE_S, PATIENT, QUICK, running
-from tests.support.withheld import WithheldTime
+from tests.support.robot_node import PATIENT, QUICK, running
+from tests.support.withheld import PATIENCE_S, WithheldTime
 from tsd_mock import OverheadCamera
 from tsd_twin import robots
 from tsd_twin.calibration.drive_log import read_recordings

@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 import simplejpeg
 
-from tests.support.programs import PATIENCE_S, Program
+from tests.support.programs import Program
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.camera.setup_file import read_setup
 from tsd_twin.messages.pictures import CameraName, decode_camera_info, decode_clock, decode_picture

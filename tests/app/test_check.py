@@ -22,8 +22,9 @@ from pathlib import Path
 import pytest
 
 from tests.app.bridge_machine import Box, wait_until
-from tests.support.programs import PATIENCE_S, Program
+from tests.support.programs import Program
 from tests.support.robot_variants import WHEEL_ROBOTS
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.hardware.commissioning.check import SLOW_RAD_PER_S
 from tsd_twin.hardware.commissioning.sheet import Result, Sheet, read_sheet
 from tsd_twin.hardware.commissioning.steps import Swing, Tilt, Turn, steps_for

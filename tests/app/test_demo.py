@@ -17,7 +17,8 @@ import pytest
 
 import tsd_twin
 from tests.support.link_sockets import free_port
-from tests.support.programs import PATIENCE_S, Program, alive, children_of
+from tests.support.programs import Program, alive, children_of
+from tests.support.withheld import PATIENCE_S
 
 pytestmark = pytest.mark.system
 

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from tests.support.link_sockets import free_port
-from tests.support.programs import PATIENCE_S, Program
+from tests.support.programs import Program
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.bus import Bus, from_file
 from tsd_twin.messages.topics import Service
 

@@ -37,10 +37,10 @@ from tests.app.foxglove_client import (
 )
 from tests.support.key_folders import provision_folder
 from tests.support.link_sockets import Relay
-from tests.support.programs import PATIENCE_S, Program
+from tests.support.programs import Program
 from tests.support.recorded_drives import RecordedDrive
 from tests.support.robot_node import QUICK
-from tests.support.withheld import WithheldTime
+from tests.support.withheld import PATIENCE_S, WithheldTime
 from tsd_twin import robots
 from tsd_twin.adapters.foxglove.gateway import FOXGLOVE_ORIGIN, SILENT_S
 from tsd_twin.adapters.ros_messages import PUBLISHED, SERVICES
@@ -481,7 +481,9 @@ def test_other_machines_need_a_token_and_tls(start: Any, tmp_path: Path) -> None
 
 def test_without_the_extra_it_says_how_to_install_it() -> None:
     text = "import sys; sys.modules['foxglove'] = None; import tsd_foxglove; tsd_foxglove.main()"
-    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", text], capture_output=True, text=True, timeout=PATIENCE_S
+    )
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "pip install" in done.stderr

@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 
 from tests.app.mistaken_programs import start_each
-from tests.support.programs import PATIENCE_S, Program
+from tests.support.programs import Program
+from tests.support.withheld import PATIENCE_S
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.errors import NoAnswerError

@@ -10,8 +10,8 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from tests.support.browser import PATIENCE_MS, get_ready, mode
-from tests.support.programs import PATIENCE_S, Program
-from tests.support.withheld import budget
+from tests.support.programs import Program
+from tests.support.withheld import PATIENCE_S, budget
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.messages import topics
 from tsd_twin.messages.status import RobotStatus, WheelSpeedStatus, decode_status

@@ -14,11 +14,11 @@ from websockets.sync.client import ClientConnection, connect
 
 from tests.support.link_sockets import free_port
 from tests.support.programs import Program
+from tests.support.withheld import PATIENCE_S
 
 pytestmark = pytest.mark.system
 
 Start = Callable[..., Program]
-_PATIENCE_S = 60.0
 _STATES = 600
 _AGAIN = 10
 
@@ -48,7 +48,7 @@ def say(page: ClientConnection, **message: Any) -> None:
 def hear(page: ClientConnection, kind: str) -> dict[str, Any]:
     """Return the next message of a kind."""
     while True:
-        message = json.loads(page.recv(_PATIENCE_S))
+        message = json.loads(page.recv(PATIENCE_S))
         if message["t"] == kind:
             return message
 

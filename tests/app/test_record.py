@@ -21,9 +21,9 @@ from rosbags.highlevel import AnyReader
 import tsd_twin
 from tests.app.small_disk import small_disk
 from tests.support import programs
-from tests.support.programs import PATIENCE_S, Program, alive, children_of
+from tests.support.programs import Program, alive, children_of
 from tests.support.robot_node import patient_robot
-from tests.support.withheld import WithheldTime
+from tests.support.withheld import PATIENCE_S, WithheldTime
 from tsd_twin.bus import Bus, as_client, client_config
 from tsd_twin.control.logged_controller import LeaseDrawn, decode_batch
 from tsd_twin.messages.status import decode_stamp

@@ -25,7 +25,7 @@ import zenoh
 import tsd_twin
 from tests.app.conftest import stays_put
 from tests.support.link_sockets import Relay
-from tests.support.programs import PATIENCE_S, Program
+from tests.support.programs import Program
 from tests.support.robot_node import QUICK
 from tests.support.ros_nodes import (
     STORE,
@@ -40,7 +40,7 @@ from tests.support.ros_nodes import (
     vector,
 )
 from tests.support.square_drive import SquareDrive
-from tests.support.withheld import WithheldTime
+from tests.support.withheld import PATIENCE_S, WithheldTime
 from tsd_twin import robots
 from tsd_twin.adapters.cmd_vel import HELD_UP_S
 from tsd_twin.adapters.ros_messages import LATCHED_TOPICS, PUBLISHED, READ, SERVICES
@@ -643,7 +643,7 @@ def test_two_robots_of_one_name_are_neither_armed_nor_driven(
 def test_without_a_router_it_ends_with_one_sentence() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "tsd_ros", "--ros-connect", "tcp/127.0.0.1:1"],
-        capture_output=True, text=True, timeout=60,
+        capture_output=True, text=True, timeout=PATIENCE_S,
     )  # fmt: skip
     assert done.returncode == 1
     assert done.stderr.count("\n") == 1
@@ -654,7 +654,7 @@ def test_without_rclpy_it_says_how_to_have_it() -> None:
     bare = {name: text for name, text in os.environ.items() if name != "PYTHONPATH"}
     done = subprocess.run(
         [sys.executable, "-m", "tsd_ros", "--rmw", "dds"],
-        capture_output=True, text=True, timeout=60, env=bare,
+        capture_output=True, text=True, timeout=PATIENCE_S, env=bare,
     )  # fmt: skip
     assert done.returncode == 1
     assert done.stderr.count("\n") == 1

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from tests.support.page_client import Page
-from tests.support.programs import PATIENCE_S, Program
+from tests.support.programs import Program
 from tests.support.robot_node import PATIENT
+from tests.support.withheld import PATIENCE_S
 from tsd_twin import robots
 
 pytestmark = pytest.mark.system

@@ -6,7 +6,8 @@ from collections.abc import Callable, Generator
 
 import pytest
 
-from tests.support.robot_node import ANY_PORT, PATIENCE_S
+from tests.support.robot_node import ANY_PORT
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.bus import Bus, client_config, node_config
 
 

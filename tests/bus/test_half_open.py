@@ -15,8 +15,9 @@ import pytest
 import zenoh
 
 from tests.support.link_sockets import Relay
-from tests.support.robot_node import PATIENCE_S, Mailbox, running
+from tests.support.robot_node import Mailbox, running
 from tests.support.secured_robot import SecuredRobot, make_keys
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.bus import Bus, Config, client_config
 from tsd_twin.messages import topics
 from tsd_twin.messages.status import decode_status

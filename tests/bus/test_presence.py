@@ -6,7 +6,8 @@ import threading
 import time
 from collections.abc import Callable
 
-from tests.support.robot_node import ANY_PORT, PATIENCE_S, Mailbox, matched
+from tests.support.robot_node import ANY_PORT, Mailbox, matched
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.messages.topics import QoS
 

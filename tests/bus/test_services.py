@@ -10,7 +10,7 @@ from typing import TypeVar
 import pytest
 import zenoh
 
-from tests.support.robot_node import PATIENCE_S
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.bus import Bus
 from tsd_twin.errors import NoAnswerError
 
@@ -112,8 +112,8 @@ def test_who_asks_a_pattern_does_not_wait_for_an_answer_that_never_comes(
     try:
         assert when_known(lambda: client.query("twin/r1/stop", b"yes", PATIENCE_S)) == b"yes"
         start_s = time.monotonic()
-        assert list(client._session.get("twin/**", timeout=PATIENCE_S)) == []
-        assert time.monotonic() - start_s < PATIENCE_S / 2
+        assert list(client._session.get("twin/**", timeout=60.0)) == []
+        assert time.monotonic() - start_s < 30.0
     finally:
         end()
 

@@ -9,7 +9,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tests.support.robot_node import PATIENCE_S, PATIENT, running
+from tests.support.robot_node import PATIENT, running
+from tests.support.withheld import PATIENCE_S
 from tsd_twin import connect
 from tsd_twin.calibration.operator import (
     hold_control,

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.support.experiment_runs import is_picture, run, table
-from tests.support.robot_node import PATIENCE_S, PATIENT, RunningNode, matched, running
-from tests.support.withheld import WithheldTime
+from tests.support.robot_node import PATIENT, RunningNode, matched, running
+from tests.support.withheld import PATIENCE_S, WithheldTime
 from tsd_mock import OverheadCamera
 from tsd_twin import connect, robots
 from tsd_twin.calibration.collect import with_calibration

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.camera.sources import CameraFrame, LiveSource, Source, open_source
 from tsd_twin.errors import TwinError
 
-PATIENCE_S = 60.0
 SIZE = 64, 48
 
 

@@ -13,14 +13,13 @@ import pytest
 
 from tests.camera import rtsp_server
 from tests.camera.rtsp_server import BITS, COLUMNS, SQUARE_PX
-from tests.support.withheld import WithheldTime
+from tests.support.withheld import PATIENCE_S, WithheldTime
 from tsd_twin.camera.sources import CameraFrame, Source, open_source
 
 pytestmark = pytest.mark.system
 
 PYTHON = "/usr/bin/python3"
 """Python with the bindings of GStreamer, which Debian installs for its own."""
-PATIENCE_S = 60.0
 FRAMES = 200
 OLD_S = 0.080
 FOUND_S = 5.0

@@ -15,8 +15,8 @@ from collections.abc import Callable, Generator
 import pytest
 
 import tsd_twin
-from tests.support.robot_node import ANY_PORT, PATIENCE_S, QUICK, RunningNode, running
-from tests.support.withheld import Stopwatch, WithheldTime
+from tests.support.robot_node import ANY_PORT, QUICK, RunningNode, running
+from tests.support.withheld import PATIENCE_S, Stopwatch, WithheldTime
 from tsd_twin import (
     ControlDenied,
     ControlLost,
@@ -357,7 +357,10 @@ print("driving", flush=True)
 def test_a_script_that_forgets_to_close_ends_and_gives_control_back(node: RunningNode) -> None:
     code = SCRIPT.format(rest="base.set_velocity(vx_mps=0.2)")
     done = subprocess.run(
-        [sys.executable, "-c", code, node.endpoint], timeout=60.0, capture_output=True, text=True
+        [sys.executable, "-c", code, node.endpoint],
+        timeout=PATIENCE_S,
+        capture_output=True,
+        text=True,
     )
     assert (done.returncode, done.stderr) == (0, "")
     with tsd_twin.connect(node.endpoint) as robot:

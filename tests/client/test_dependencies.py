@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+from tests.support.withheld import PATIENCE_S
+
 pytestmark = pytest.mark.system
 
 SCRIPT = """
@@ -44,7 +46,11 @@ except tsd_twin.TwinError as error:
 
 def test_client_and_simulation_need_no_extra() -> None:
     done = subprocess.run(
-        [sys.executable, "-c", SCRIPT], capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, "-c", SCRIPT],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     *drives, recording = done.stdout.splitlines()

@@ -11,7 +11,8 @@ import pytest
 import tsd_twin
 from tests.support.bus_operator import BusOperator
 from tests.support.recorded_drives import replaying, stopped_drive
-from tests.support.robot_node import PATIENCE_S, RunningNode, running
+from tests.support.robot_node import RunningNode, running
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.messages import topics
 

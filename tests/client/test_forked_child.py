@@ -7,7 +7,8 @@ import sys
 
 import pytest
 
-from tests.support.robot_node import PATIENCE_S, RunningNode
+from tests.support.robot_node import RunningNode
+from tests.support.withheld import PATIENCE_S
 
 pytestmark = pytest.mark.system
 
@@ -36,7 +37,7 @@ def test_a_forked_child_raises_and_its_parent_drives_on(node: RunningNode, way: 
         [sys.executable, "-W", "error", "-c", SCRIPT, node.endpoint, way],
         capture_output=True,
         text=True,
-        timeout=3 * PATIENCE_S,
+        timeout=PATIENCE_S,
         check=False,
     )
     assert done.returncode == 0, done.stderr

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from tests.support.page_client import robot_on_a_bus
-from tests.support.robot_node import ANY_PORT, PATIENCE_S, QUICK
-from tests.support.withheld import Stopwatch, WithheldTime
+from tests.support.robot_node import ANY_PORT, QUICK
+from tests.support.withheld import PATIENCE_S, Stopwatch, WithheldTime
 from tsd_twin import robots
 from tsd_twin.bus import Bus, Publisher, client_config, node_config
 from tsd_twin.dashboard.discovery import (

@@ -11,8 +11,7 @@ import pytest
 import viser
 
 from tests.support.page_client import robot_on_a_bus
-from tests.support.robot_node import PATIENCE_S
-from tests.support.withheld import WithheldTime
+from tests.support.withheld import PATIENCE_S, WithheldTime
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.client.monitor import Snapshot
 from tsd_twin.dashboard import update_loop

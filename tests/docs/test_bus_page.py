@@ -19,7 +19,7 @@ import pytest
 
 from tests.support.markdown_pages import code, page, quoted, section, tables
 from tests.support.programs import Program
-from tests.support.withheld import WithheldTime
+from tests.support.withheld import PATIENCE_S, WithheldTime
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.messages import commands, events, services, topics
 from tsd_twin.messages.cdr import decode_odometry
@@ -132,14 +132,16 @@ def test_the_client_drives_the_mock_half_a_metre(tmp_path: Path) -> None:
         run = [sys.executable, str(script), endpoint]
         # Outside the checkout, so that no module of this project can be imported by chance.
         with WithheldTime(os.getpid()) as withheld:
-            done = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True, timeout=60.0)
+            done = subprocess.run(
+                run, cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE_S
+            )
         assert done.returncode == 0, done.stdout + done.stderr
         said = re.fullmatch(r"x (\S+) m, y (\S+) m, (\d+) commands counted\n", done.stdout)
         assert said, done.stdout
         with Bus(client_config([endpoint])) as bus:
             truth: queue.Queue[Sample] = queue.Queue()
             bus.subscribe(topics.TRUTH.key("tsd"), truth.put)
-            x, y, heading = decode_odometry(truth.get(timeout=10.0).payload).xy_heading
+            x, y, heading = decode_odometry(truth.get(timeout=PATIENCE_S).payload).xy_heading
         # The distance depends slightly on when the script wakes up.
         assert x == pytest.approx(0.5, abs=0.15 + 0.5 * withheld.total_s)
         # Joints move unmeasured while the machine withholds the processor from the loop.

@@ -12,6 +12,7 @@ import pytest
 
 import tsd_twin
 from tests.support.markdown_pages import ROOT, anchors, code, links, page, without_code
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.client.errors import RobotStopped
 
 FOLDERS = ("", "docs/", "docs/reference/", "meshes/", "firmware/", "firmware/simulator/")
@@ -91,7 +92,7 @@ def test_the_program_with_an_own_robot_io_runs_and_drives(tmp_path: Path) -> Non
                 assert robot.state.odom.pose.x_m > 0.05
         finally:
             node.stdin.close()
-        assert node.wait(timeout=20.0) == 0
+        assert node.wait(timeout=PATIENCE_S) == 0
 
 
 def test_every_folder_of_the_package_has_its_row() -> None:

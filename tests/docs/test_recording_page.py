@@ -13,8 +13,9 @@ import pytest
 
 import tsd_twin
 from tests.support.markdown_pages import code, page, quoted, section, tables
-from tests.support.programs import PATIENCE_S, Program, drive
+from tests.support.programs import Program, drive
 from tests.support.robot_node import patient_robot
+from tests.support.withheld import PATIENCE_S
 
 PAGE = page("recording.md")
 SCRIPTS = code(PAGE, "python")
@@ -50,7 +51,7 @@ def test_every_script_runs_and_prints(number: int, recorded: Path) -> None:
         cwd=recorded,
         capture_output=True,
         text=True,
-        timeout=60.0,
+        timeout=PATIENCE_S,
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert len(done.stdout.splitlines()) > 3

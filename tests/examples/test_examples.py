@@ -19,12 +19,11 @@ import tsd_twin
 from tests.support.markdown_pages import ROOT
 from tests.support.programs import Program, mock_robot, run_script
 from tests.support.viser_client import Node, ViserClient, viser_client
-from tests.support.withheld import WithheldTime
+from tests.support.withheld import PATIENCE_S, WithheldTime
 from tsd_twin.client.state import PlanarPose
 
 FOLDER = ROOT / "examples"
 SCRIPTS = sorted(path.stem for path in FOLDER.glob("*.py"))
-PATIENCE_S = 90.0
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.withheld import PATIENCE_S
+
 ROOT = Path(__file__).parents[2]
 
 PROGRAM = """
@@ -40,7 +42,7 @@ sys.exit(program.main([]))
 def test_a_signal_in_a_callback_ends_the_robot_in_a_box(number: signal.Signals) -> None:
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, str(int(number))],
-        stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=60,
+        stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=PATIENCE_S,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from tests.support.link_sockets import (
-    PATIENCE_S,
     connected,
     eventually,
     listening,
@@ -20,7 +19,7 @@ from tests.support.link_sockets import (
     read_all,
     simulated,
 )
-from tests.support.withheld import Stopwatch
+from tests.support.withheld import PATIENCE_S, Stopwatch
 from tsd_twin.link_emulation.emulator import Direction
 
 RESET = struct.pack("ii", 1, 0)

@@ -10,8 +10,8 @@ from collections.abc import Generator
 
 import pytest
 
-from tests.support.link_sockets import PATIENCE_S, datagram_socket, eventually, port_of, simulated
-from tests.support.withheld import Stopwatch
+from tests.support.link_sockets import datagram_socket, eventually, port_of, simulated
+from tests.support.withheld import PATIENCE_S, Stopwatch
 from tsd_twin.link_emulation import LinkEmulator, LinkSpec
 from tsd_twin.link_emulation.relays import CAPACITY_BYTES, HEADER_BYTES
 

@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 import pytest
 import zenoh
 
-from tests.support.link_sockets import PATIENCE_S
-from tests.support.withheld import WithheldTime
+from tests.support.withheld import PATIENCE_S, WithheldTime
 from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.link_emulation import LinkEmulator, LinkSpec
 from tsd_twin.messages.topics import QoS

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from tests.support.bus_operator import BusOperator
-from tests.support.robot_node import ANY_PORT, PATIENCE_S, RunningNode, matched, running
+from tests.support.robot_node import ANY_PORT, RunningNode, matched, running
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.bus import Bus, node_config
 from tsd_twin.errors import SeveralAnswersError
 from tsd_twin.messages import topics

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from tests.support.bus_operator import BusOperator
-from tests.support.robot_node import ANY_PORT, PATIENCE_S, QUICK, URDF, RunningNode, running
+from tests.support.robot_node import ANY_PORT, QUICK, URDF, RunningNode, running
+from tests.support.withheld import PATIENCE_S
 from tsd_twin import robots
 from tsd_twin.bus import Bus, node_config
 from tsd_twin.errors import BusError

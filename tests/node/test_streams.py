@@ -15,8 +15,8 @@ import zenoh
 from rosbags.typesys import Stores, get_typestore
 
 from tests.support.bus_operator import BusOperator
-from tests.support.robot_node import PATIENCE_S, URDF, Mailbox, RunningNode, matched, running
-from tests.support.withheld import WithheldTime
+from tests.support.robot_node import URDF, Mailbox, RunningNode, matched, running
+from tests.support.withheld import PATIENCE_S, WithheldTime
 from tsd_twin.messages import topics
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.status import Summary, decode_summary

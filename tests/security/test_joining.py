@@ -18,8 +18,8 @@ from typing import cast
 import pytest
 
 from tests.support.key_folders import content
-from tests.support.robot_node import PATIENCE_S
 from tests.support.secured_robot import make_router_keys
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.bus import from_file
 from tsd_twin.errors import TwinError
 from tsd_twin.security import authority_server, joining

@@ -10,8 +10,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from tests.support.robot_node import PATIENCE_S, RunningNode, matched
+from tests.support.robot_node import RunningNode, matched
 from tests.support.virtual_fleet import VirtualNode
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.bus import Bus
 from tsd_twin.lie import Array
 from tsd_twin.messages import topics

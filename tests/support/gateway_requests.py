@@ -17,8 +17,7 @@ from urllib.parse import urlencode, urlsplit
 
 from tests.support.link_sockets import free_port
 from tests.support.markdown_pages import code, page
-from tests.support.page_client import PATIENCE_S
-from tests.support.withheld import Stopwatch
+from tests.support.withheld import PATIENCE_S, Stopwatch
 from tsd_twin.security import Role
 from tsd_twin.security.users import Users
 

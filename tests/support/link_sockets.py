@@ -9,9 +9,9 @@ import time
 from collections.abc import Callable, Generator
 from typing import NamedTuple, Self
 
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.link_emulation import LinkEmulator, LinkSpec
 
-PATIENCE_S = 60.0
 ANY = ("127.0.0.1", 0)
 
 

@@ -18,7 +18,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from tests.support.robot_node import PATIENT
 from tests.support.scene_doubles import EmptyScene
-from tests.support.withheld import IN_PROCESS, budget, this_thread_is_a_robot
+from tests.support.withheld import IN_PROCESS, PATIENCE_S, budget, this_thread_is_a_robot
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.client.monitor import RobotMonitor
@@ -33,7 +33,6 @@ from tsd_twin.messages.services import Description
 from tsd_twin.node import RobotNode
 from tsd_twin.simulation import SimRobot
 
-PATIENCE_S = 60.0
 DRIVE_S = 0.02
 BEATS = 5  # Heartbeat period in multiples of DRIVE_S.
 T = TypeVar("T")

@@ -23,12 +23,9 @@ import numpy as np
 import tsd_mock
 import tsd_twin
 from tests.support.robot_node import patient_robot
-from tests.support.withheld import AS_OTHERS, REALTIME, Followed, budget, to_realtime
+from tests.support.withheld import AS_OTHERS, PATIENCE_S, REALTIME, Followed, budget, to_realtime
 from tsd_twin.lie import SE2, Array
 from tsd_twin.simulation import BoardModel
-
-PATIENCE_S = 60.0
-_SCRIPT_PATIENCE_S = 90.0
 
 
 class Program:
@@ -176,7 +173,7 @@ def run_script(script: Path, folder: Path, *arguments: str) -> str:
         cwd=folder,
         capture_output=True,
         text=True,
-        timeout=_SCRIPT_PATIENCE_S,
+        timeout=PATIENCE_S,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stderr == ""

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from tests.support.controller_harness import PERIOD_S, ControllerHarness
-from tests.support.robot_node import PATIENCE_S
+from tests.support.withheld import PATIENCE_S
 from tsd_twin import robots
 from tsd_twin.bus import Bus
 from tsd_twin.messages import topics

@@ -11,7 +11,7 @@ from collections.abc import Generator
 from dataclasses import dataclass, field
 from typing import Any
 
-from tests.support.withheld import IN_PROCESS, budget, this_thread_is_a_robot
+from tests.support.withheld import IN_PROCESS, PATIENCE_S, budget, this_thread_is_a_robot
 from tsd_twin import robots
 from tsd_twin.bus import Bus, Publisher, client_config, node_config
 from tsd_twin.hardware.robot_io import RobotIO
@@ -20,8 +20,6 @@ from tsd_twin.node import RobotNode
 from tsd_twin.robots import RobotDescription
 from tsd_twin.simulation import SimRobot
 
-PATIENCE_S = 60.0
-"""Limit of waits that usually take milliseconds."""
 ANY_PORT = "tcp/127.0.0.1:0"
 URDF = '<robot name="tsd"/>'
 QUICK = robots.read_description("tsd").replace("[motor]", "[motor]\narming_hold_s = 0.1", 1)

@@ -24,11 +24,12 @@ from zenoh_ros2_sdk.session import ZenohSession
 from zenoh_ros2_sdk.subscriber import ROS2Subscriber
 from zenoh_ros2_sdk.utils import compute_type_hash_from_msg
 
+from tests.support.withheld import PATIENCE_S
+
 STORE = get_typestore(Stores.ROS2_JAZZY)
 TWIST, TWIST_STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
 TRIGGER_HASH = "RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f"
 _GID = bytes(range(16))
-PATIENCE_S = 60.0
 
 
 @functools.cache

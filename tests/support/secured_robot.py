@@ -15,7 +15,8 @@ from typing import Any
 import msgspec
 import zenoh
 
-from tests.support.robot_node import PATIENCE_S, QUICK, URDF
+from tests.support.robot_node import QUICK, URDF
+from tests.support.withheld import PATIENCE_S
 from tsd_twin import robots, security
 from tsd_twin.bus import (
     Bus,

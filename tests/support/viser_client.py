@@ -17,10 +17,10 @@ import zstandard
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.dashboard.scene.appearance import METRES
 from tsd_twin.dashboard.scene.viser_compat import KEY_HEADER, ROBOTS_HEADER, access_key
 
-PATIENCE_S = 60.0
 CAMERA = {
     "type": "ViewerCameraMessage",
     "wxyz": [1.0, 0.0, 0.0, 0.0],

@@ -19,6 +19,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+PATIENCE_S = 1200.0
+"""Limit of a wait that usually takes milliseconds: the longest time of a test on the clock.
+
+The time limit of the test (`tests/time_limits.py`), which excludes withheld time, ends a wait in
+vain. A shorter limit on the clock would fail on a loaded machine.
+"""
 _REPEATS, _FREE_REPEATS = 0.2, 10
 """Fraction of page inputs that may be repeated, and a number that is always allowed."""
 _RAN, _WITHHELD = 0, 1

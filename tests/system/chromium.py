@@ -18,8 +18,8 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from tests.support.browser import FLAGS_WITHOUT_SCENE, executable
+from tests.support.withheld import PATIENCE_S
 
-PATIENCE_S = 60.0
 _LOOK_EVERY_S = 0.03
 
 

@@ -22,8 +22,8 @@ import numpy as np
 
 from tests.support.pretend_page import PretendPage
 from tests.support.programs import Program
-from tests.support.robot_node import PATIENCE_S, QUICK
-from tests.support.withheld import Pauses, WithheldTime
+from tests.support.robot_node import QUICK
+from tests.support.withheld import PATIENCE_S, Pauses, WithheldTime
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.estimation import exponential_error
 from tsd_twin.lie import SE2, Array

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import time
 
-from tests.system.chromium import PATIENCE_S, Chromium, Tab
+from tests.support.withheld import PATIENCE_S
+from tests.system.chromium import Chromium, Tab
 from tests.system.fault_stage import SPEED_MPS, Observer
 
 _MODES = ("Disarmed", "Arming", "Ready", "Driving", "Stopping", "Stopped", "Fault")

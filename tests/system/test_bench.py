@@ -13,6 +13,7 @@ import pytest
 from bench.__main__ import OVERLOADED, PARTS
 from bench.table import BUSY, MAX_WITHHELD, MISS, OK, Row, Run, compare, write_json
 from bench.targets import TARGETS
+from tests.support.withheld import PATIENCE_S
 
 ROOT = Path(__file__).parents[2]
 HEAVY = {"firmware", "bridge", "page", "pictures", "plots", "response", "router", "fleet"}
@@ -22,7 +23,7 @@ LIMIT = TARGETS[NAME].limit
 
 def bench(*arguments: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "bench", *arguments]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=170)
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE_S)
 
 
 @pytest.mark.system

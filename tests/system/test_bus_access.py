@@ -14,7 +14,6 @@ import pytest
 from tests.support.secured_robot import (
     DESCRIPTION,
     ID,
-    PATIENCE_S,
     SecuredRobot,
     ask_lease,
     hold,
@@ -23,6 +22,7 @@ from tests.support.secured_robot import (
     put,
     set_free,
 )
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.bus import Bus, as_client, clients_of
 from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.errors import NoAnswerError

@@ -16,13 +16,13 @@ from tests.support.link_sockets import Relay
 from tests.support.secured_robot import (
     DESCRIPTION,
     ID,
-    PATIENCE_S,
     PEOPLE,
     SecuredRobot,
     make_keys,
     section,
     with_sections,
 )
+from tests.support.withheld import PATIENCE_S
 from tsd_twin import security
 from tsd_twin.bus import Bus, Config, client_config, node_config
 from tsd_twin.errors import NoAnswerError

@@ -12,7 +12,6 @@ import pytest
 from tests.support.secured_robot import (
     DESCRIPTION,
     ID,
-    PATIENCE_S,
     Listener,
     SecuredRobot,
     ask,
@@ -22,6 +21,7 @@ from tests.support.secured_robot import (
     put,
     set_free,
 )
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.bus import Bus
 from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.messages import topics

@@ -20,9 +20,8 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
-from tests.support.robot_node import PATIENCE_S
 from tests.support.viser_client import CAMERA
-from tests.support.withheld import AS_OTHERS
+from tests.support.withheld import AS_OTHERS, PATIENCE_S
 from tests.system.fault_stage import ID, FaultStage, fault_stage
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.errors import NoAnswerError

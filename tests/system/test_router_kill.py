@@ -17,7 +17,8 @@ from tests.support.key_folders import OPERATOR, make_router_keys
 from tests.support.page_client import Page
 from tests.support.pretend_page import send_signal
 from tests.support.programs import Program, follow_trace, starting
-from tests.support.robot_node import PATIENCE_S, QUICK
+from tests.support.robot_node import QUICK
+from tests.support.withheld import PATIENCE_S
 from tests.system.fault_stage import SPEED_MPS, Observer, Table, stands_still
 from tsd_twin.bus import Bus, from_file
 from tsd_twin.messages import topics

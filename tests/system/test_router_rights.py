@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 import zenoh
 
-from tests.support.robot_node import PATIENCE_S
 from tests.support.secured_robot import (
     HERS,
     HIS,
@@ -23,6 +22,7 @@ from tests.support.secured_robot import (
     put,
     rights,
 )
+from tests.support.withheld import PATIENCE_S
 from tsd_twin import security
 from tsd_twin.bus import Bus, from_file
 from tsd_twin.client.monitor import RobotMonitor

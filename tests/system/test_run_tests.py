@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.withheld import PATIENCE_S
+
 ROOT = Path(__file__).parents[2]
 SETTINGS = "[pytest]\nmarkers =\n    timed\n    programs\n    busy\n    slow\n"
 SOUND = "import pytest\n\n@pytest.mark.timed\ndef test_sound(): pass\n\ndef test_sum(): pass\n"
@@ -65,7 +67,7 @@ def run_in(folder: Path, files: dict[str, str], **variables: str) -> tuple[int, 
         | variables,
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=PATIENCE_S,
     )
     return done.returncode, done.stdout + done.stderr
 

@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.link_sockets import free_port
-from tests.support.robot_node import PATIENCE_S
-from tests.support.withheld import REALTIME
+from tests.support.withheld import PATIENCE_S, REALTIME
 from tsd_twin import client
 from tsd_twin.client.errors import ClientError, ControlDenied
 from tsd_twin.messages.codes import Code

@@ -12,9 +12,9 @@ import psutil
 import pytest
 
 from bench.soak import SLACK_MB, Record, verdict
+from tests.support.withheld import PATIENCE_S
 
 ROOT = Path(__file__).parents[2]
-PATIENCE_S = 180.0
 
 Start = Callable[[int], subprocess.Popen[str]]
 

@@ -7,8 +7,7 @@ import threading
 import pytest
 
 from tests.support.virtual_time import VirtualClock
-
-PATIENCE_S = 60.0
+from tests.support.withheld import PATIENCE_S
 
 
 def test_a_thread_of_an_earlier_test_does_not_advance_virtual_time(

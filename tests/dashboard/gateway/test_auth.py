@@ -12,8 +12,9 @@ from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 from tests.support.gateway_requests import PHRASE, ask, cookie_of, log_in, users
-from tests.support.page_client import PATIENCE_S, Site, site
+from tests.support.page_client import Site, site
 from tests.support.viser_client import CAMERA, ViserClient
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.dashboard.gateway.auth import LOGGED_OUT_CODE, AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.sessions.principal import DEFAULT_IDENTITY, Principal, operator_name
 from tsd_twin.errors import TwinError

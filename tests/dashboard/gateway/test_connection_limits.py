@@ -32,8 +32,8 @@ from tests.support.gateway_requests import (
     users,
 )
 from tests.support.key_folders import provision_folder
-from tests.support.page_client import PATIENCE_S, Site, site
-from tests.support.withheld import Stopwatch
+from tests.support.page_client import Site, site
+from tests.support.withheld import PATIENCE_S, Stopwatch
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimits
 from tsd_twin.dashboard.gateway.pages import VIEWPORT_PATH

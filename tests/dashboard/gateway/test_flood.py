@@ -14,8 +14,8 @@ from websockets.frames import Frame, Opcode
 
 from tests.dashboard.recorders import CommandRecorder, settle, zeros_at_the_end
 from tests.support.gateway_requests import cookie_of, users
-from tests.support.page_client import PATIENCE_S, Page, Site, robot_on_a_bus, site
-from tests.support.withheld import Stopwatch
+from tests.support.page_client import Page, Site, robot_on_a_bus, site
+from tests.support.withheld import PATIENCE_S, Stopwatch
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.socket_limits import GRACE, POLICY_VIOLATION, TELEOP, TOO_MUCH

@@ -13,8 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.page_client import PATIENCE_S, Site, site
+from tests.support.page_client import Site, site
 from tests.support.scene_doubles import EmptyScene
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.dashboard.gateway.pages import BUNDLE, FILES, VIEWPORT_PATH
 from tsd_twin.dashboard.gateway.server import HttpServer
 from tsd_twin.dashboard.sessions.session_manager import SessionManager

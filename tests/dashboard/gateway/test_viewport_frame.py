@@ -13,13 +13,13 @@ from playwright.sync_api import Browser, Frame, Page, Route, sync_playwright
 
 from tests.support.browser import CHEAP_FLAGS, executable
 from tests.support.page_client import Site, site
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.dashboard.gateway.pages import VIEWPORT_PATH
 from tsd_twin.dashboard.scene import viser_compat
 
 pytestmark = [pytest.mark.system, pytest.mark.busy]
 
 PAGE = "0123456789abcdef"
-PATIENCE_S = 60.0
 STALL_MS = 300.0
 TICK_MS = 20.0
 ALLOWED_MS = 50.0

@@ -16,8 +16,9 @@ import pytest
 import viser
 
 from tests.support.gateway_requests import ask, cookie_of, dialled, is_closed, status_of, users
-from tests.support.page_client import PATIENCE_S, Site, site
+from tests.support.page_client import Site, site
 from tests.support.scene_doubles import EmptyScene
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimits
 from tsd_twin.dashboard.gateway.pages import BUNDLE, FILES, VIEWPORT_PATH

@@ -12,8 +12,9 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
-from tests.support.page_client import PATIENCE_S, Site, site
+from tests.support.page_client import Site, site
 from tests.support.viser_client import CAMERA, ViserClient
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.dashboard.scene.viser_compat import page_of
 
 PAGE = "0123456789abcdef"

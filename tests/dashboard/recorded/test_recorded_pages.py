@@ -16,9 +16,9 @@ import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.frames import Frame, Opcode
 
-from tests.support.page_client import PATIENCE_S, Page, Site, site
+from tests.support.page_client import Page, Site, site
 from tests.support.recorded_drives import START_NS, recorded_circle
-from tests.support.withheld import Stopwatch
+from tests.support.withheld import PATIENCE_S, Stopwatch
 from tsd_twin.dashboard.gateway.socket_limits import GRACE, POLICY_VIOLATION, TELEOP
 from tsd_twin.recording.events import read_marks
 from tsd_twin.recording.player import Player

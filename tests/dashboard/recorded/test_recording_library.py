@@ -20,8 +20,9 @@ import pytest
 from websockets.exceptions import InvalidStatus
 
 from tests.support.gateway_requests import cookie_of, users
-from tests.support.page_client import PATIENCE_S, Page, Site, site
+from tests.support.page_client import Page, Site, site
 from tests.support.recorded_drives import RecordedDrive
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.recordings import CHANGES, MAX_DOWNLOADS
 from tsd_twin.messages.topics import Service
@@ -83,7 +84,7 @@ class Client:
         """Send a request with the page's origin; None removes a header."""
         wanted = {"Cookie": self.cookie, "Origin": f"http://127.0.0.1:{self.port}"}
         sent = wanted | {name.replace("_", "-"): value for name, value in headers.items()}
-        with closing(http.client.HTTPConnection("127.0.0.1", self.port, timeout=60.0)) as one:
+        with closing(http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE_S)) as one:
             one.request(method, path, body, {k: v for k, v in sent.items() if v is not None})
             answer = one.getresponse()
             return answer, answer.read()

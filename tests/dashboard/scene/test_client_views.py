@@ -7,7 +7,8 @@ import pytest
 
 from tests.dashboard.scene.view_desk import OTHER_PAGE, PAGE, ViewDesk
 from tests.support.scene_doubles import RobotFeed
-from tests.support.viser_client import PATIENCE_S, Node, ViserClient, chosen
+from tests.support.viser_client import Node, ViserClient, chosen
+from tests.support.withheld import PATIENCE_S
 from tsd_twin import robots
 from tsd_twin.dashboard.scene.appearance import METRES
 from tsd_twin.dashboard.scene.viser_compat import page_of

@@ -11,7 +11,8 @@ from typing import Any
 import viser
 
 from tests.support.link_sockets import eventually
-from tests.support.viser_client import PATIENCE_S, ViserClient, viser_client
+from tests.support.viser_client import ViserClient, viser_client
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.dashboard.scene.client_view import ClientView
 from tsd_twin.dashboard.scene.client_views import ClientViews, PageView
 from tsd_twin.dashboard.scene.framing import Rectangle

@@ -8,8 +8,8 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
-from tests.support.robot_node import PATIENCE_S
 from tests.support.viser_client import viser_client
+from tests.support.withheld import PATIENCE_S
 from tsd_twin.dashboard.scene import viser_compat
 
 FRAMES = 400
