@@ -1,6 +1,7 @@
 """Benchmarks as ratios to a peer or a lower bound that is measured in alternation.
 
-Exit codes: 0 if all targets are met, 1 if a target is missed, 3 if the machine was too busy.
+Exit codes: 0 if all targets are met, 1 if one is missed or a part fails, 3 if the machine was too
+busy.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import importlib
 import statistics
 import sys
 import time
+import traceback
 from pathlib import Path
 
 from bench.machine import description, pressure_s
@@ -44,23 +46,28 @@ def main() -> None:
     print("machine: " + ", ".join(f"{key} {value:.3g}" for key, value in machine.items()))
     print(HEAD, flush=True)
     rows: list[Row] = []
-    try:
-        for part in PARTS:
-            if run.wants(*(name for name in TARGETS if name.startswith(f"{part}."))):
-                for row in importlib.import_module(f"bench.{part}").rows(run):
-                    rows.append(row)
-                    print(row, flush=True)
-    except Exception as error:
-        if not _overloaded(run):
-            raise
-        _give_up(f"a measurement failed: {error or type(error).__name__}")
+    failed: list[str] = []
+    for part in PARTS:
+        if not run.wants(*(name for name in TARGETS if name.startswith(f"{part}."))):
+            continue
+        try:
+            for row in importlib.import_module(f"bench.{part}").rows(run):
+                rows.append(row)
+                print(row, flush=True)
+        except Exception as error:  # The other parts are still worth measuring.
+            reason = f"a measurement of {part} failed: {error or type(error).__name__}"
+            if _overloaded(run):
+                _give_up(reason)
+            traceback.print_exc()
+            print(reason, flush=True)
+            failed.append(part)
     machine["seconds"] = time.monotonic() - began_s
     machine["withheld"] = statistics.mean(run.withheld or [0.0])
     machine["pressure"] = (pressure_s() - pressed_s) / machine["seconds"]
     print("whole run: " + ", ".join(f"{key} {machine[key]:.3g}" for key in list(machine)[-3:]))
     if args.json is not None:
         write_json(args.json, machine, rows)
-    _conclude([row.verdict for row in rows])
+    _conclude([row.verdict for row in rows], failed)
 
 
 def _arguments() -> argparse.Namespace:
@@ -88,13 +95,15 @@ def _overloaded(run: Run) -> bool:
     return bool(run.withheld) and max(run.withheld[-4:]) > MAX_WITHHELD
 
 
-def _conclude(verdicts: list[str]) -> None:
-    """Print the number of missed rows and exit."""
+def _conclude(verdicts: list[str], failed: list[str]) -> None:
+    """Print the number of missed rows and the parts that failed, and exit."""
     missed, busy = verdicts.count(MISS), verdicts.count(BUSY)
-    print(f"{missed} missed, {busy} not judged" if missed or busy else "all met")
+    counts = f"{missed} missed, {busy} not judged"
+    counts += f", failed: {', '.join(failed)}" if failed else ""
+    print(counts if missed or busy or failed else "all met")
     if 2 * busy > len(verdicts):
         _give_up(f"{busy} of {len(verdicts)} rows cannot be judged")
-    sys.exit(missed > 0)
+    sys.exit(missed > 0 or bool(failed))
 
 
 def _give_up(reason: str) -> None:
