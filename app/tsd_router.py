@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import logging
-import os
 from pathlib import Path
 
 from tsd_twin.bus import Bus, Config, router_file
@@ -14,8 +13,6 @@ from tsd_twin.errors import TwinError
 
 _LOG = logging.getLogger(__name__)
 _CHECK_S = 1.0
-_RUNTIME = "(tx: (handover: rx), net: (handover: rx), app: (handover: rx), acc: (handover: rx))"
-"""One thread pool for all tasks of Zenoh instead of five, which saves a fifth of the CPU time."""
 
 PARSER = program.parser(
     "tsd-router",
@@ -35,7 +32,6 @@ def serve(args: argparse.Namespace) -> None:
     Zenoh reads them when a session opens, so a change opens another; a change that cannot be used
     is reported, and the session continues.
     """
-    os.environ.setdefault("ZENOH_RUNTIME", _RUNTIME)  # Read when the first session opens.
     tune_malloc(heaps=1)  # Saves a fifth of the memory with 20 robots.
     stop = program.stop_event(args)
     config = router_file(args.config)

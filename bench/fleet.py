@@ -13,7 +13,7 @@ from collections.abc import Generator, Iterator
 from contextlib import ExitStack, contextmanager
 
 from bench.bus import paced_speeds, watch_setpoint
-from bench.programs import counter, peer, python, tool
+from bench.programs import counter, peer, python, tool, until
 from bench.router import DRIVEN, RoutedFleet, push, routed_fleet
 from bench.table import Row, Run, percentile
 from tsd_twin.bus import Bus, from_file
@@ -39,6 +39,8 @@ def rows(run: Run) -> Iterator[Row]:
         commands = Commands(bus)
         came = watch_setpoint(bus, "lab1")
         base = stack.enter_context(stack.enter_context(fleet.connected("lab1")).control())
+        push(base, 0.4)  # A new lease begins at a higher number.
+        until(commands.all_drive)
 
         def drive() -> tuple[float, float]:
             with commands:
@@ -86,6 +88,10 @@ class Commands:
         self._latest: dict[str, CommandStatus] = {}
         for robot in DRIVEN:
             bus.subscribe(topics.STATUS.key(robot), self._note)
+
+    def all_drive(self) -> bool:
+        """Return whether each of the robots has accepted a command."""
+        return all(robot in self._latest and self._latest[robot].accepted for robot in DRIVEN)
 
     def __enter__(self) -> None:
         self._before = dict(self._latest)

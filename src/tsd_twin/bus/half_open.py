@@ -14,15 +14,14 @@ loss. UDP connections share one socket and are left alone.
 from __future__ import annotations
 
 import contextlib
-import ipaddress
 import logging
-import os
 import socket
 import threading
 import time
-from pathlib import Path
 
 import zenoh
+
+from tsd_twin.bus.link_sockets import OVER_TCP, sockets_between
 
 _LOG = logging.getLogger(__name__)
 
@@ -31,8 +30,6 @@ _MARGIN_S = 1.0
 _PAUSE_S = 0.05
 _PATIENCE_S = 10.0
 """Zenoh notices a closed socket at its next send, after a quarter of the session timeout."""
-_OVER_TCP = ("tcp/", "tls/", "ws/")
-_DESCRIPTORS = Path("/proc/self/fd") if Path("/proc/self/fd").is_dir() else Path("/dev/fd")
 
 
 class HalfOpenConnectionWatchdog:
@@ -74,40 +71,7 @@ class HalfOpenConnectionWatchdog:
             if self._session.is_closed():
                 return
             for link in self._session.info.links():
-                if str(link.zid) == peer and link.src.startswith(_OVER_TCP):
-                    _close_socket(link.src, link.dst)
+                if str(link.zid) == peer and link.src.startswith(OVER_TCP):
+                    for one in sockets_between(link.src, link.dst):
+                        one.shutdown(socket.SHUT_RDWR)
             time.sleep(_PAUSE_S)
-
-
-def _close_socket(source: str, target: str) -> None:
-    """Shut down this process's TCP connection between two endpoints, if it exists."""
-    ends = _address(source), _address(target)
-    for file in _DESCRIPTORS.iterdir():
-        with contextlib.suppress(OSError):
-            # Use a copy: the original descriptor number may be reused at any time.
-            copy = os.dup(int(file.name))
-            try:
-                one = socket.socket(fileno=copy)
-            except OSError:  # Not a socket.
-                os.close(copy)
-                continue
-            with one:
-                if one.family in (socket.AF_INET, socket.AF_INET6) and ends == (
-                    _normal(one.getsockname()),
-                    _normal(one.getpeername()),
-                ):
-                    one.shutdown(socket.SHUT_RDWR)
-
-
-def _address(endpoint: str) -> tuple[str, int]:
-    """Return address and port of an endpoint such as `tcp/127.0.0.1:7447`."""
-    host, _, port = endpoint.partition("/")[2].split("?")[0].split("#")[0].rpartition(":")
-    return _normal((host.strip("[]"), int(port)))
-
-
-def _normal(name: tuple[str, int] | tuple[str, int, int, int]) -> tuple[str, int]:
-    """Return address and port of a socket name, with IPv4-mapped IPv6 as IPv4."""
-    address = ipaddress.ip_address(name[0].partition("%")[0])
-    if isinstance(address, ipaddress.IPv6Address):
-        address = address.ipv4_mapped or address
-    return str(address), name[1]

@@ -17,6 +17,7 @@ import zenoh.ext
 
 from tsd_twin.bus.config import NO_ANSWER, Config, as_client, reason
 from tsd_twin.bus.half_open import HalfOpenConnectionWatchdog
+from tsd_twin.bus.link_sockets import close_at_once
 from tsd_twin.errors import BusError, NoAnswerError, SeveralAnswersError
 from tsd_twin.messages.topics import QoS, Sample
 
@@ -218,6 +219,7 @@ class Bus:
             self._session = zenoh.open(settings)
         except zenoh.ZError as error:
             raise BusError(f"cannot open the bus at {config.where}: {reason(error)}") from error
+        self._kept.append(close_at_once(self._session))
         if self._joins and not listens:
             self._kept.append(HalfOpenConnectionWatchdog(self._session, began_s, open_timeout_s))
 
