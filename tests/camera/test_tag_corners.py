@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tsd_twin.camera.detect import Gray, Window, find_in_window, find_tags, refine_corners, side_px
+from tsd_twin.camera.detect import Gray, Window, detect, find_tags, refine_corners, refined, side_px
 from tsd_twin.camera.lens import View
 from tsd_twin.camera.planar_fit import corner_points
 from tsd_twin.camera.render import Body, SimulatedCamera, cylinder
@@ -20,7 +20,7 @@ from tsd_twin.lie import Array
 
 SIZE = (1280, 720)
 TAG = Tag(3, 0.16, "tsd", 0.3)
-CELLS = 8
+CELLS = np.array([8])
 MOST_OFF_PX = 0.3
 """Seven standard deviations of a corner of the smallest of these tags, 30 px."""
 
@@ -51,7 +51,7 @@ def test_corners_are_where_the_lens_shows_them(across_deg: float, height_m: floa
     """For sides of 30 to 135 px."""
     for view, picture, true in shown(across_deg, height_m, 7, 20):
         window = Window.around(true, 40.0, picture.shape)
-        (seen,) = find_in_window(picture, window, [TAG.family], view.lens)
+        (seen,) = refined(picture, detect(picture, window, TAG.family), view.lens)
         assert np.linalg.norm(seen.corners - true, axis=1).max() < MOST_OFF_PX
 
 
@@ -60,7 +60,7 @@ def test_a_window_shows_the_corners_of_the_whole_picture() -> None:
     (whole,) = find_tags(picture, [TAG.family], view.lens)
     for margin_px in (8.0, 20.0, 33.5):
         window = Window.around(true, margin_px, picture.shape)
-        (seen,) = find_in_window(picture, window, [TAG.family], view.lens)
+        (seen,) = refined(picture, detect(picture, window, TAG.family), view.lens)
         assert np.abs(seen.corners - whole.corners).max() < 0.02
 
 
@@ -80,9 +80,9 @@ def test_corners_do_not_depend_on_the_first_guess(number: int, errors: list[floa
     view, pixels, true = pictures()[number]
     cell_px = np.linalg.norm(true[1] - true[0]) / CELLS
     guess = true + cell_px * np.reshape(errors, (4, 2))
-    refined = refine_corners(pixels, guess, CELLS, view.lens)
-    assert refined is not None
-    assert np.linalg.norm(refined - true, axis=1).max() < MOST_OFF_PX
+    (found,), (is_tag,) = refine_corners(pixels, guess[None], CELLS, view.lens)
+    assert is_tag
+    assert np.linalg.norm(found - true, axis=1).max() < MOST_OFF_PX
 
 
 @given(st.lists(st.floats(-40.0, 40.0), min_size=8, max_size=8))
@@ -91,6 +91,5 @@ def test_corners_never_leave_their_cell(errors: list[float]) -> None:
     """Any quadrilateral, also one that crosses itself, is refused or stays within a cell."""
     view, pixels, true = pictures()[0]
     guess = true + np.reshape(errors, (4, 2))
-    refined = refine_corners(pixels, guess, CELLS, view.lens)
-    if refined is not None:
-        assert np.linalg.norm(refined - guess, axis=1).max() <= side_px(guess) / CELLS
+    (found,), _ = refine_corners(pixels, guess[None], CELLS, view.lens)
+    assert np.linalg.norm(found - guess, axis=1).max() <= side_px(guess) / CELLS

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import cv2
@@ -49,6 +49,8 @@ The second round measures across the lines of the first, so that all profiles ar
 """
 _STEP_PX = 0.5
 """Distance of the samples of a profile."""
+_NEXT, _BEFORE = [1, 2, 3, 0], [3, 0, 1, 2]
+"""Order of the corners that follow, and of the sides before; `np.roll` is slower."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,96 +99,110 @@ class Window:
 def find_tags(picture: Gray, families: Iterable[str], lens: Lens) -> list[Sighting]:
     """Find all tags of these families in a picture."""
     rows, columns = picture.shape
-    return find_in_window(picture, Window(0, 0, columns, rows), families, lens)
-
-
-def find_in_window(
-    picture: Gray, window: Window, families: Iterable[str], lens: Lens
-) -> list[Sighting]:
-    """Find the tags in a part of a picture; corners are in pixels of the whole one."""
-    if window.is_empty:
-        return []
-    part = np.ascontiguousarray(window.of(picture))
-    found: list[Sighting] = []
-    for family in families:
-        for number, corners in _detect(part, family):
-            corners += [window.left, window.top]
-            refined = refine_corners(picture, corners, dictionary(family).markerSize + 2, lens)
-            if refined is not None:
-                found.append(Sighting(family, number, refined))
-    return found
+    whole = Window(0, 0, columns, rows)
+    return refined(picture, [s for each in families for s in detect(picture, whole, each)], lens)
 
 
 def side_px(corners: Array) -> float:
     """Return the root of the area of a quadrilateral (4, 2) in pixels."""
-    x, y = (corners - corners[0]).T
-    return float(np.sqrt(0.5 * abs(x @ np.roll(y, 1) - y @ np.roll(x, 1))))
+    (ax, ay), (bx, by), (cx, cy), (dx, dy) = corners.tolist()
+    return math.sqrt(0.5 * abs((cx - ax) * (dy - by) - (cy - ay) * (dx - bx)))  # By its diagonals.
 
 
-def _detect(part: Gray, family: str) -> list[tuple[int, Array]]:
-    """Return the numbers of the tags in a part, and their corners (4, 2) within 2 px or so."""
+def detect(picture: Gray, window: Window, family: str) -> list[Sighting]:
+    """Return the tags in a part of a picture, with corners within 2 px or so."""
+    if window.is_empty:
+        return []
+    part = np.ascontiguousarray(window.of(picture))
     size = _SIZE_STEP_PX * math.ceil(max(part.shape) / _SIZE_STEP_PX)
     corners, numbers, _ = _detector(family, size).detectMarkers(part)
     if not corners:
         return []  # OpenCV returns None for the numbers of nothing.
+    offset = [window.left, window.top]
     return [
-        (int(number), np.asarray(found, float).reshape(4, 2))
+        Sighting(family, int(number), np.asarray(found, float).reshape(4, 2) + offset)
         for number, found in zip(numbers.ravel(), corners, strict=True)
     ]
 
 
-def refine_corners(picture: Gray, corners: Array, cells: int, lens: Lens) -> Array | None:
-    """Return corners (4, 2) where the lines through the edges of a tag meet.
+def refined(picture: Gray, sightings: Sequence[Sighting], lens: Lens) -> list[Sighting]:
+    """Return sightings with refined corners, without those whose edges are not a tag's."""
+    if not sightings:
+        return []
+    corners = np.stack([each.corners for each in sightings])
+    cells = np.array([dictionary(each.family).markerSize + 2 for each in sightings])
+    found, is_tag = refine_corners(picture, corners, cells, lens)
+    return [replace(each, corners=found[i]) for i, each in enumerate(sightings) if is_tag[i]]
 
-    None if one is more than a cell from the corner that was found: the edges are not the tag's.
+
+def refine_corners(
+    picture: Gray, corners: Array, cells: Array, lens: Lens
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Return corners (n, 4, 2) where the lines through the edges of n tags meet.
+
+    `cells` (n,) are those of a side. The second result (n,) is False if one of the corners is more
+    than a cell from the one that was found: the edges are not the tag's.
 
     Edges are lines in the picture of a lens without distortion. `cornerSubPix` is ten times worse
     (docs/camera.md): it sees a corner's surroundings only, and the outer edge of the white border
     may draw it 4 px away. CORNER_REFINE_APRILTAG is half a pixel off.
     """
-    cell_px = side_px(corners) / cells
-    refined = corners
+    # All tags at once: the time is that of calls, not of numbers.
+    cell_px = np.array([side_px(each) for each in corners]) / cells
+    found, is_tag = corners, np.ones(len(corners), bool)
     for reach_cells in _REACH_CELLS:
-        points, weights = _edge_points(picture, refined, cells, reach_cells * cell_px)
-        refined = _meeting_points(points, weights, lens)
-        if not (np.linalg.norm(refined - corners, axis=1) <= cell_px).all():
-            return None
-    return refined
+        lines = _fitted_lines(*_edge_points(picture, found, cells, reach_cells * cell_px), lens)
+        ends = np.cross(lines[:, _BEFORE], lines).reshape(-1, 3)  # Homogeneous.
+        found = lens.pixels(ends).reshape(corners.shape)
+        off_px = np.hypot(*np.moveaxis(found - corners, 2, 0)).max(axis=1)
+        is_tag &= off_px <= cell_px
+        found = np.where(is_tag[:, None, None], found, corners)
+    return found, is_tag
 
 
-def _edge_points(picture: Gray, corners: Array, cells: int, reach_px: float) -> tuple[Array, Array]:
-    """Return points (4, n, 2) on the edges near the sides of a quadrilateral, and weights (4, n).
+def _edge_points(
+    picture: Gray, corners: Array, cells: Array, reach_px: Array
+) -> tuple[Array, Array]:
+    """Return points (n, 4, m, 2) on the edges near the sides of n tags, and weights (n, 4, m).
 
     Each is the centroid of squared slopes from dark to light along a profile across the side. The
     edges next to it are from light to dark.
     """
-    along = np.roll(corners, -1, axis=0) - corners
-    outward = np.column_stack([along[:, 1], -along[:, 0]])
-    outward /= np.linalg.norm(along, axis=1, keepdims=True)
-    shares = np.linspace(0.5, cells - 0.5, _EDGE_POINTS) / cells
-    points = corners[:, None] + shares[:, None] * along[:, None]
-    half = math.ceil(reach_px / _STEP_PX)
-    offsets = _STEP_PX * np.arange(-half, half + 1)
-    samples = points[:, :, None] + offsets[:, None] * outward[:, None, None]
-    x, y = np.moveaxis(samples.reshape(4 * _EDGE_POINTS, -1, 2).astype(np.float32), -1, 0)
-    profiles = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    slopes = np.diff(profiles.reshape(4, _EDGE_POINTS, -1).astype(float), axis=2)
-    squares = np.square(np.maximum(slopes, 0.0))
-    weights = squares.sum(axis=2) + 1e-9  # Without any edge, the side remains where it was.
-    aside = squares @ (0.5 * (offsets[1:] + offsets[:-1])) / weights
-    return points + aside[:, :, None] * outward[:, None], weights
+    along = corners[:, _NEXT] - corners
+    outward = along[..., ::-1] * [1.0, -1.0] / np.hypot(along[..., 0], along[..., 1])[..., None]
+    shares = np.linspace(0.5, cells - 0.5, _EDGE_POINTS, axis=1) / cells[:, None]
+    points = corners[:, :, None] + shares[:, None, :, None] * along[:, :, None]
+    half = np.ceil(reach_px / _STEP_PX)
+    offsets = _STEP_PX * np.arange(-half.max(), half.max() + 1.0)
+    x, y = (
+        (points[..., axis, None] + outward[..., axis, None, None] * offsets)
+        .reshape(4 * len(corners), -1)
+        .astype(np.float32)
+        for axis in (0, 1)
+    )
+    pixels = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    profiles = pixels.reshape(-1, len(offsets))
+    slopes = cv2.subtract(profiles[:, 1:], profiles[:, :-1])  # Not below 0.
+    middles = offsets[1:] - 0.5 * _STEP_PX
+    within = np.abs(middles) < (_STEP_PX * half)[:, None]
+    squares = np.square(slopes, dtype=float).reshape(*points.shape[:3], -1)
+    squares *= within[:, None, None]
+    weights = squares.sum(axis=3) + 1e-9  # Without any edge, the side remains where it was.
+    aside = squares @ middles / weights
+    return points + aside[..., None] * outward[:, :, None], weights
 
 
-def _meeting_points(points: Array, weights: Array, lens: Lens) -> Array:
-    """Return where lines through points (4, n, 2) of adjacent sides meet, in pixels (4, 2)."""
+def _fitted_lines(points: Array, weights: Array, lens: Lens) -> Array:
+    """Return lines (n, 4, 3) a x + b y + c = 0 through the rays of points (n, 4, m, 2)."""
     rays = lens.rays(points.reshape(-1, 2))[:, :2].reshape(points.shape)
-    weights = weights[..., None] / weights.sum(axis=1)[:, None, None]
-    middles = (weights * rays).sum(axis=1)
-    spread = rays - middles[:, None]
+    weights = (weights / weights.sum(axis=2, keepdims=True))[..., None, :]
+    middles = weights @ rays
+    spread = rays - middles
+    moments = weights * spread.swapaxes(2, 3) @ spread
     # The normal of each line is the direction of the least spread.
-    normals = np.linalg.eigh(spread.transpose(0, 2, 1) @ (weights * spread))[1][:, :, 0]
-    lines = np.column_stack([normals, -(normals * middles).sum(axis=1)])  # Homogeneous.
-    return lens.pixels(np.cross(np.roll(lines, 1, axis=0), lines))
+    angles = 0.5 * np.arctan2(-2.0 * moments[..., 0, 1], moments[..., 1, 1] - moments[..., 0, 0])
+    normals = np.stack([np.cos(angles), np.sin(angles)], axis=2)
+    return np.concatenate([normals, -(middles @ normals[..., None])[..., 0]], axis=2)
 
 
 @functools.cache

@@ -15,8 +15,10 @@ LENS_PARAMETERS = 8
 """fx, fy, cx, cy, k1, k2, p1, p2."""
 PARAMETERS = LENS_PARAMETERS + 6
 """Those of the lens, then rotation vector and position of the camera in the floor frame."""
-_REFINEMENTS = 4
 _NO = np.zeros(3)
+_PRECISE = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-9)
+"""Steps and error in pixels; OpenCV's default stops 0.01 px off in a corner."""
+_undistorted = getattr(cv2, "undistortPointsIter", cv2.undistortPoints)  # Its name in OpenCV 4.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,12 +51,8 @@ class Lens:
     def rays(self, pixels: Array) -> Array:
         """Return the directions (n, 3) with z = 1 in the camera frame of pixels (n, 2)."""
         points = np.ascontiguousarray(pixels, float).reshape(-1, 1, 2)
-        flat = cv2.undistortPoints(points, self.matrix, self.distortion).reshape(-1, 2)
-        focal = self.parameters[:2]
-        rays = np.column_stack([np.asarray(flat, float), np.ones(len(points))])
-        for _ in range(_REFINEMENTS):  # OpenCV stops after five steps, 0.01 px off in a corner.
-            rays[:, :2] += (points.reshape(-1, 2) - self.pixels(rays)) / focal
-        return rays
+        flat = _undistorted(points, self.matrix, self.distortion, R=None, P=None, criteria=_PRECISE)
+        return np.column_stack([flat.reshape(-1, 2), np.ones(len(points))])
 
     def pixels(self, points: Array) -> Array:
         """Return the pixels (n, 2) of points (n, 3) in the camera frame."""
@@ -119,7 +117,13 @@ class View:
 
     def project(self, points_m: Array) -> Array:
         """Return the pixels (n, 2) of points (n, 3) of the floor frame."""
-        return self.derivatives(points_m)[0]
+        return self._projected(points_m)[0]
+
+    def by_points(self, points_m: Array) -> tuple[Array, Array]:
+        """Return pixels (n, 2) with their derivatives (n, 2, 3) by the points."""
+        pixels, jacobian = self._projected(points_m)
+        # The points move as the camera does the other way.
+        return pixels, (jacobian[:, 3:6] @ self.place.matrix).reshape(-1, 2, 3)
 
     def derivatives(self, points_m: Array) -> tuple[Array, Array, Array]:
         """Return pixels (n, 2) with their derivatives by the points and by the view.
@@ -127,24 +131,24 @@ class View:
         The shapes of these are (n, 2, 3) and (n, 2, 14). OpenCV differentiates the lens; its
         translation is converted to a position here.
         """
-        points = np.ascontiguousarray(points_m, float).reshape(-1, 1, 3)
+        pixels, jacobian = self._projected(points_m)
         place = self.place
-        pixels, jacobian = cv2.projectPoints(
-            points, place.rotation, place.offset_m, self.lens.matrix, self.lens.distortion
-        )
-        jacobian = np.asarray(jacobian, float)
         by_rotation, by_offset, by_lens = jacobian[:, :3], jacobian[:, 3:6], jacobian[:, 6:14]
-        count = len(points)
-        rotated = by_offset @ place.matrix  # The points move as the camera does the other way.
+        rotated = by_offset @ place.matrix
         # The offset -R p depends on the rotation vector as well.
         turned = np.asarray(cv2.Rodrigues(place.rotation)[1], float).reshape(3, 3, 3)
-        by_rotation = by_rotation - by_offset @ np.einsum("kij,j->ik", turned, place.position_m)
+        by_rotation = by_rotation - by_offset @ (place.position_m @ turned.swapaxes(1, 2)).T
         by_view = np.concatenate([by_lens, by_rotation, -rotated], axis=1)
-        return (
-            np.asarray(pixels, float).reshape(count, 2),
-            rotated.reshape(count, 2, 3),
-            by_view.reshape(count, 2, PARAMETERS),
+        return pixels, rotated.reshape(-1, 2, 3), by_view.reshape(-1, 2, PARAMETERS)
+
+    def _projected(self, points_m: Array) -> tuple[Array, Array]:
+        """Return pixels (n, 2) with OpenCV's derivatives (2n, 14 or more)."""
+        points = np.ascontiguousarray(points_m, float).reshape(-1, 1, 3)
+        place, lens = self.place, self.lens
+        pixels, jacobian = cv2.projectPoints(
+            points, place.rotation, place.offset_m, lens.matrix, lens.distortion
         )
+        return np.asarray(pixels, float).reshape(-1, 2), np.asarray(jacobian, float)
 
     def on_plane(self, pixels: Array, height_m: float = 0.0) -> Array:
         """Return where pixels (n, 2) meet the plane z = `height_m`; NaN above the horizon."""

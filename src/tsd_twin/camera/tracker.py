@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tsd_twin.camera.detect import Gray, Sighting, Window, find_in_window, find_tags
+from tsd_twin.camera.detect import Gray, Sighting, Window, detect, find_tags, refined
 from tsd_twin.camera.planar_fit import PlanarPose, Refusal, corner_sigma_px, measure
 from tsd_twin.camera.setup_file import CameraSetup
 from tsd_twin.camera.tags import Tag
@@ -22,8 +22,9 @@ _TWICE_S = 1.2
 """Time for which a number seen twice is refused: more than two searches of the whole picture."""
 _FORGET_S = 0.5
 """A tag not seen for so long is no longer searched in a window."""
-_MARGIN_SHARE, _MARGIN_PX = 0.5, 16.0
-"""Margin of a window: relative to the side of the tag, and in pixels."""
+_MARGIN_SHARE, _MARGIN_PX = 0.25, 16.0
+"""Margin of a window: relative to the width of the tag, which a turn may enlarge by 0.4, and in
+pixels."""
 LARGEST_SMEAR_CELLS = 0.8
 """Beyond it the cells of a tag run into each other."""
 _CELLS = 8
@@ -124,10 +125,8 @@ class TagTracker:
             side = float(np.ptp(track.corners, axis=0).max())
             window = track.window(now_s, side, picture.shape)
             # Windows overlap where robots meet: each counts its own number only.
-            found += [
-                s for s in find_in_window(picture, window, [family], lens) if s.number == number
-            ]
-        return found
+            found += [s for s in detect(picture, window, family) if s.number == number]
+        return refined(picture, found, lens)
 
     def _is_known(self, sighting: Sighting) -> bool:
         return (sighting.family, sighting.number) in self._tags
