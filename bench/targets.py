@@ -107,6 +107,13 @@ TARGETS: dict[str, Target] = {
         1, "time older than 300 ms", "allowed", "%", "the requirement", provisional=False
     ),
     "pictures.thin_command": Target(1.3, "heartbeat, p99", "without pictures and 30 ms", "ms"),
+    "camera.draw": Target(
+        1, "three robots drawn", "20 % of a core at 30 Hz", "ms", "the requirement"
+    ),
+    "camera.find": Target(
+        1, "three robots found", "35 % of a core at 30 Hz", "ms", "the requirement"
+    ),
+    "camera.poses": Target(2.5, "three robots found", "OpenCV's detector alone", "ms"),
     "plots.browser": Target(2.8, "browser, 8 plots of 10 min", "View tab", _CPU),
     "plots.dashboard": Target(1.3, "dashboard, 8 plots", "View tab", _CPU),
     "start.demo": Target(2, "tsd-demo ready", "imports", "s"),

@@ -21,6 +21,14 @@ from tsd_twin.lie import SE2, Array
 
 SAMPLES = 4
 """Samples per pixel in each direction."""
+_OFFSETS = (np.indices((SAMPLES, SAMPLES)).reshape(2, -1)[::-1].T + 0.5) / SAMPLES - 0.5
+"""(16, 2): places of the samples in a pixel."""
+_TIMES = np.array([15, 2, 1, 12, 4, 9, 10, 7, 8, 5, 6, 11, 3, 14, 13, 0])
+"""Order in which the samples are taken during an exposure.
+
+An associative magic square: rows and columns have the same mean, and samples opposite in the pixel
+are opposite in time, so that edges are blurred evenly on both sides, whichever way they move.
+"""
 _TEXEL_CELLS = 16
 """Texels of a texture per cell of a tag."""
 _MOTION_PX = 0.6
@@ -90,8 +98,8 @@ class SimulatedCamera:
         self._random = np.random.default_rng(seed)
         lens = view.lens
         self._shape = lens.height, lens.width
-        rays = lens.rays(pixel_grid(lens.width, lens.height))[:, :2]
-        self._rays = rays.reshape(*self._shape, 2).astype(np.float32)
+        rays = lens.rays(pixel_grid(lens.width, lens.height)).astype(np.float32)
+        self._rays = np.ascontiguousarray(rays.T).reshape(3, *self._shape)
         self._textures: dict[tuple[str, int], Gray] = {}
         size = (lens.height + _BANK_MARGIN, lens.width + _BANK_MARGIN)
         bank = self.sensor.noise * self._random.standard_normal(size, dtype=np.float32)
@@ -106,7 +114,7 @@ class SimulatedCamera:
         """
         picture = self._floor.copy()
         for body, poses in robots:
-            self._draw_body(picture, body, poses)
+            self._draw_body(picture, body, np.stack(poses))
         return self.add_noise(picture)
 
     def add_noise(self, picture: Gray) -> Gray:
@@ -121,7 +129,7 @@ class SimulatedCamera:
     def _draw_floor(self, tags: Sequence[Tag]) -> Gray:
         """Return the floor: coarse texture, lines each half metre, and tags."""
         rows, columns = self._shape
-        where = self._on_plane(Window(0, 0, columns, rows), 0.0)
+        where = self.view.on_plane(pixel_grid(columns, rows)).reshape(rows, columns, 2)
         cloud = self._random.standard_normal((rows // 16 + 1, columns // 16 + 1), np.float32)
         brightness = 128.0 + 10.0 * cv2.resize(
             cloud, (columns, rows), interpolation=cv2.INTER_CUBIC
@@ -132,53 +140,40 @@ class SimulatedCamera:
         brightness[~np.isfinite(where).all(axis=2)] = 200.0  # Above the horizon.
         picture = np.clip(brightness, 0.0, 255.0).astype(np.uint8)
         for tag in tags:
-            self._draw_tag(picture, tag, [np.zeros(3)])
+            self._draw_tag(picture, tag, np.zeros((1, 3)))
         return self._blurred(picture)
 
-    def _draw_body(self, picture: Gray, body: Body, poses: Sequence[Array]) -> None:
-        outlines = [self._outlines(body, pose) for pose in poses]
-        points = [hull for each in outlines for hull, _ in each]
-        points += [self._plate(tag, pose) for tag in body.tags for pose in (poses[0], poses[-1])]
+    def _draw_body(self, picture: Gray, body: Body, poses: Array) -> None:
+        # The middle of the exposure is enough for bodies; their tags are what is measured.
+        vertices = np.concatenate([np.zeros((0, 3)), *(solid.vertices_m for solid in body.solids)])
+        pixels = self.view.project(placed(vertices, poses[[len(poses) // 2]])[0])
+        points = [pixels, *(self._plate(tag, poses) for tag in body.tags)]
         window = Window.around(np.concatenate(points), _MARGIN_PX, picture.shape)
         if window.is_empty:
             return
         part = window.of(picture)
-        offset = np.array([window.left, window.top])
-        # The middle of the exposure is enough for bodies; their tags are what is measured.
-        for hull, brightness in outlines[len(outlines) // 2]:
-            fixed = np.rint((hull - offset) * 2**_SHIFT).astype(np.int32)
-            cv2.fillConvexPoly(part, fixed, brightness, cv2.LINE_AA, _SHIFT)
+        fixed = np.rint((pixels - [window.left, window.top]) * 2**_SHIFT).astype(np.int32)
+        end = 0
+        for solid in body.solids:
+            start, end = end, end + len(solid.vertices_m)
+            outline = cv2.convexHull(fixed[start:end])
+            cv2.fillConvexPoly(part, outline, solid.brightness, cv2.LINE_AA, _SHIFT)
         for tag in body.tags:
             self._draw_tag(picture, tag, poses)
         part[:] = self._blurred(part)
 
-    def _outlines(self, body: Body, pose: Array) -> list[tuple[Array, int]]:
-        """Return the convex outlines in pixels of the parts in front of the camera."""
-        vertices = np.concatenate([solid.vertices_m for solid in body.solids] or [np.zeros((0, 3))])
-        if not len(vertices):
-            return []
-        pixels = self.view.project(placed(vertices, pose))
-        ends = np.cumsum([len(solid.vertices_m) for solid in body.solids])[:-1]
-        return [
-            (_outline(part), solid.brightness)
-            for part, solid in zip(np.split(pixels, ends), body.solids, strict=True)
-        ]
+    def _plate(self, tag: Tag, poses: Array) -> Array:
+        """Return the pixels (8, 2) of a tag's white border in the first and the last pose."""
+        corners = tag.corners_m * (1.0 + 2.0 * QUIET_CELLS / tag.cells)
+        return self.view.project(np.concatenate(placed(on_robot(tag, corners), poses[[0, -1]])))
 
-    def _plate(self, tag: Tag, pose: Array) -> Array:
-        """Return the pixels (4, 2) of a tag's white border."""
-        cells = len(with_quiet_zone(tag.family, tag.number))
-        corners = tag.corners_m * cells / (cells - 2 * QUIET_CELLS)
-        return self.view.project(placed(on_robot(tag, corners), pose))
-
-    def _draw_tag(self, picture: Gray, tag: Tag, poses: Sequence[Array]) -> None:
+    def _draw_tag(self, picture: Gray, tag: Tag, poses: Array) -> None:
         """Draw a tag with 4 x 4 samples a pixel, averaged over the exposure."""
-        ends = np.concatenate([self._plate(tag, pose) for pose in (poses[0], poses[-1])])
-        window = Window.around(ends, 2.0, picture.shape)
+        window = Window.around(self._plate(tag, poses), 2.0, picture.shape)
         if window.is_empty:
             return
-        cells = len(with_quiet_zone(tag.family, tag.number))
-        scale = _TEXEL_CELLS * (cells - 2 * QUIET_CELLS) / tag.size_m
-        axes = [self._tag_axes(tag, pose) for pose in poses]
+        scale = _TEXEL_CELLS * tag.cells / tag.size_m
+        axes = self._tag_axes(tag, poses)
         self._draw_plane(window.of(picture), window, self._texture(tag), scale, axes)
 
     def draw_sheet(self, texture: Gray, texels_per_m: float, axes: Array) -> Gray:
@@ -188,41 +183,56 @@ class SimulatedCamera:
         """
         picture = np.full(self._shape, 150, np.uint8)
         window = Window(0, 0, self._shape[1], self._shape[0])
-        self._draw_plane(picture, window, texture, texels_per_m, [axes])
+        self._draw_plane(picture, window, texture, texels_per_m, axes[None])
         return self.add_noise(self._blurred(picture))
 
     def _draw_plane(
-        self, part: Gray, window: Window, texture: Gray, scale: float, axes: Sequence[Array]
+        self, part: Gray, window: Window, texture: Gray, scale: float, axes: Array
     ) -> None:
-        """Draw a texture into a part of the picture, averaged over the steps of an exposure."""
-        size = (SAMPLES * part.shape[1], SAMPLES * part.shape[0])
-        background = cv2.resize(part, size, interpolation=cv2.INTER_NEAREST)
-        rays = self._rays[window.top : window.bottom, window.left : window.right]
+        """Draw a texture into a part of the picture, averaged over pixels and the exposure.
+
+        `axes` (n, 3, 3) belong to equal steps of the exposure. Each of the samples of a pixel is
+        taken at its own place in the pixel and at its own time.
+        """
         middle = 0.5 * (np.array(texture.shape[::-1]) - 1.0)
-        total = np.zeros(part.shape, np.float32)
-        for each in axes:
-            # The inverse maps rays to coordinates on the plane.
-            on_plane = np.linalg.inv(each).astype(np.float32)
-            u, v, w = (rays[..., 0] * row[0] + rays[..., 1] * row[1] + row[2] for row in on_plane)
-            columns = np.asarray(middle[0] + scale * u / w, np.float32)
-            rows = np.asarray(middle[1] - scale * v / w, np.float32)
+        texels = np.array([[scale, 0.0, middle[0]], [0.0, -scale, middle[1]], [0.0, 0.0, 1.0]])
+        steps = (2 * _TIMES + 1) * len(axes) // (2 * len(_TIMES))
+        # The inverse maps rays to coordinates on the plane.
+        by_ray = (texels @ np.linalg.inv(axes))[steps]
+        aside = _OFFSETS @ self._pitch(window)
+        by_ray[:, :, 2:] += by_ray[:, :, :2] @ aside[:, :, None]
+        rays = self._rays[:, window.top : window.bottom, window.left : window.right].reshape(3, -1)
+        total = np.zeros(part.shape, np.uint16)
+        for each in by_ray.astype(np.float32):
+            columns, rows, depths = (each @ rays).reshape(3, *part.shape)
             drawn = cv2.remap(
                 texture,
-                cv2.resize(columns, size),
-                cv2.resize(rows, size),
+                columns / depths,
+                rows / depths,
                 cv2.INTER_NEAREST,
-                dst=background.copy(),
+                dst=part.copy(),
                 borderMode=cv2.BORDER_TRANSPARENT,
             )
-            total += cv2.resize(drawn, part.shape[::-1], interpolation=cv2.INTER_AREA)
-        part[:] = np.rint(total / len(axes)).astype(np.uint8)
+            total += drawn
+        part[:] = (total + len(_TIMES) // 2) // len(_TIMES)
 
-    def _tag_axes(self, tag: Tag, pose: Array) -> Array:
-        """Return the axes and the centre of a tag as columns (3, 3), in the camera frame."""
-        corner = placed(on_robot(tag, np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])), pose)
-        axes = np.column_stack([corner[1] - corner[0], corner[2] - corner[0], corner[0]])
-        axes[:, 2] -= self.view.place.position_m
-        return self.view.place.matrix @ axes
+    def _pitch(self, window: Window) -> Array:
+        """Return the steps (2, 2) of rays to the next column and row, in the middle of a window."""
+        row = min((window.top + window.bottom) // 2, self._shape[0] - 2)
+        column = min((window.left + window.right) // 2, self._shape[1] - 2)
+        here = self._rays[:2, row, column]
+        return np.stack([self._rays[:2, row, column + 1], self._rays[:2, row + 1, column]]) - here
+
+    def _tag_axes(self, tag: Tag, poses: Array) -> Array:
+        """Return axes and centre of a tag as columns (n, 3, 3), in the camera frame."""
+        corners = placed(on_robot(tag, np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])), poses)
+        centre = corners[:, 0]
+        columns = [
+            corners[:, 1] - centre,
+            corners[:, 2] - centre,
+            centre - self.view.place.position_m,
+        ]
+        return self.view.place.matrix @ np.stack(columns, axis=2)
 
     def _texture(self, tag: Tag) -> Gray:
         key = tag.family, tag.number
@@ -230,17 +240,6 @@ class SimulatedCamera:
             cells = 25 + 205 * with_quiet_zone(*key).astype(np.uint8)
             self._textures[key] = np.kron(cells, np.ones((_TEXEL_CELLS,) * 2, np.uint8))
         return self._textures[key]
-
-    def _on_plane(self, window: Window, height_m: float) -> Array:
-        """Return where each pixel of a window meets a plane: (rows, columns, 2)."""
-        rays = self._rays[window.top : window.bottom, window.left : window.right]
-        turned = np.concatenate([rays, np.ones_like(rays[..., :1])], axis=2)
-        turned = turned @ self.view.place.matrix.astype(np.float32)
-        position = self.view.place.position_m
-        with np.errstate(divide="ignore", invalid="ignore"):
-            reach = (height_m - position[2]) / turned[..., 2]
-        reach[~(reach > 0.0)] = np.nan
-        return position[:2] + reach[..., None] * turned[..., :2]
 
     def _blurred(self, part: Gray) -> Gray:
         if self.sensor.blur_px <= 0.0:
@@ -259,25 +258,20 @@ class SimulatedCamera:
         return [np.asarray((before @ SE2.exp(share * way)).xy_heading) for share in shares]
 
 
-def _outline(pixels: Array) -> Array:
-    """Return the convex hull (m, 2) of pixels (n, 2)."""
-    hull = cv2.convexHull(np.asarray(pixels, np.float32))
-    return np.asarray(hull, float).reshape(-1, 2)
-
-
 def on_robot(tag: Tag, points_m: Array) -> Array:
     """Return points (n, 2) of a tag in the frame of its robot: (n, 3)."""
     level = tag.place.transform(points_m)
     return np.column_stack([level, np.full(len(level), tag.height_m)])
 
 
-def placed(points_m: Array, pose: Array) -> Array:
-    """Return points (n, 3) of a robot in the floor frame.
+def placed(points_m: Array, poses: Array) -> Array:
+    """Return points (m, 3) of a robot in the floor frame, in n poses: (n, m, 3).
 
-    `pose` is (3,): x, y, heading; or (5,), with roll and pitch in radians about the robot's axes.
+    `poses` is (n, 3): x, y, heading; or (n, 5), with roll and pitch in radians about the robot's
+    axes.
     """
-    if len(pose) > 3:
-        turn = rotation_matrix(np.array([pose[3], pose[4], 0.0]))
-        points_m = points_m @ turn.T
-    level = SE2(np.asarray(pose[:3], float)).transform(points_m[:, :2])
-    return np.column_stack([level, points_m[:, 2]])
+    tilts = [rotation_matrix(np.append(each, 0.0)) for each in poses[:, 3:] if len(each)]
+    turned = points_m @ np.stack(tilts).swapaxes(1, 2) if tilts else points_m[None]
+    level = SE2(poses[:, None, :3]).transform(turned[..., :2])
+    heights = np.broadcast_to(turned[..., 2:], (*level.shape[:2], 1))
+    return np.concatenate([level, heights], axis=2)

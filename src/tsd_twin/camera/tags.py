@@ -52,6 +52,11 @@ class Tag:
         return SE2(np.array([self.x_m, self.y_m, self.heading_rad]))
 
     @property
+    def cells(self) -> int:
+        """Cells of a side, with the black border."""
+        return dictionary(self.family).markerSize + 2
+
+    @property
     def corners_m(self) -> Array:
         """(4, 2): corners in its own frame, in the order of OpenCV: from top left, clockwise."""
         return 0.5 * self.size_m * np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])

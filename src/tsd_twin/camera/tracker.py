@@ -22,7 +22,7 @@ _TWICE_S = 1.2
 """Time for which a number seen twice is refused: more than two searches of the whole picture."""
 _FORGET_S = 0.5
 """A tag not seen for so long is no longer searched in a window."""
-_MARGIN_SHARE, _MARGIN_PX = 0.25, 16.0
+MARGIN_SHARE, MARGIN_PX = 0.25, 16.0
 """Margin of a window: relative to the width of the tag, which a turn may enlarge by 0.4, and in
 pixels."""
 LARGEST_SMEAR_CELLS = 0.8
@@ -63,7 +63,7 @@ class _Track:
     def window(self, now_s: float, side: float, shape: tuple[int, ...]) -> Window:
         moved = self.velocity * (now_s - self.seen_s)
         # A robot may reverse: half of the predicted motion is margin.
-        margin = _MARGIN_PX + _MARGIN_SHARE * side + 0.5 * float(np.abs(moved).max())
+        margin = MARGIN_PX + MARGIN_SHARE * side + 0.5 * float(np.abs(moved).max())
         return Window.around(self.corners + moved, margin, shape)
 
 
