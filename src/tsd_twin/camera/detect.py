@@ -173,7 +173,8 @@ def _edge_points(
     shares = np.linspace(0.5, cells - 0.5, _EDGE_POINTS, axis=1) / cells[:, None]
     points = corners[:, :, None] + shares[:, None, :, None] * along[:, :, None]
     half = np.ceil(reach_px / _STEP_PX)
-    offsets = _STEP_PX * np.arange(-half.max(), half.max() + 1.0)
+    most = int(half.max())
+    offsets = _STEP_PX * np.arange(-most, most + 1, dtype=float)
     x, y = (
         (points[..., axis, None] + outward[..., axis, None, None] * offsets)
         .reshape(4 * len(corners), -1)

@@ -52,7 +52,7 @@ class Lens:
         """Return the directions (n, 3) with z = 1 in the camera frame of pixels (n, 2)."""
         points = np.ascontiguousarray(pixels, float).reshape(-1, 1, 2)
         flat = _undistorted(points, self.matrix, self.distortion, R=None, P=None, criteria=_PRECISE)
-        return np.column_stack([flat.reshape(-1, 2), np.ones(len(points))])
+        return np.column_stack([np.asarray(flat, float).reshape(-1, 2), np.ones(len(points))])
 
     def pixels(self, points: Array) -> Array:
         """Return the pixels (n, 2) of points (n, 3) in the camera frame."""

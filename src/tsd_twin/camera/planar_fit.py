@@ -12,6 +12,7 @@ from enum import StrEnum
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from tsd_twin.camera.detect import Gray, Sighting, Window, side_px
 from tsd_twin.camera.lens import View, rotation_matrix
@@ -89,7 +90,7 @@ def fit_pose(view: View, tag: Tag, corners: Array) -> tuple[SE2, Array, Array] |
         points = corner_points(tag, pose)
         pixels, by_point = view.by_points(points)
         jacobian = _by_pose(points, by_point, pose)
-        gain = np.linalg.solve(jacobian.T @ jacobian, jacobian.T)
+        gain = np.asarray(np.linalg.solve(jacobian.T @ jacobian, jacobian.T), float)
         residuals = (corners - pixels).ravel()
         pose += gain @ residuals
     return SE2(pose), residuals, gain
@@ -241,7 +242,7 @@ def noise_sigma(part: Gray) -> float:
     return 1.4826 * median / float(_SECOND @ _SECOND)
 
 
-def _quantiles(values: Array, *shares: float) -> list[float]:
+def _quantiles(values: NDArray[np.integer], *shares: float) -> list[float]:
     """Return quantiles of integers, without interpolation; `np.percentile` is ten times slower."""
     at = [int(share * (values.size - 1)) for share in shares]
     return np.partition(values, at, axis=None)[at].astype(float).tolist()

@@ -1,7 +1,7 @@
 """Simulated camera: floor, robots and tags as a lens and a sensor with noise show them.
 
 The floor is drawn once. Each frame copies it and draws windows around robots only: bodies as the
-outlines of their convex parts, tags with 4 x 4 samples a pixel and one picture for each step of the
+outlines of their convex parts, tags with 4 x 4 samples a pixel, each at its own time of the
 exposure. Not modelled: rolling shutter, reflections, vignetting, compression in the camera.
 """
 
@@ -31,9 +31,6 @@ are opposite in time, so that edges are blurred evenly on both sides, whichever 
 """
 _TEXEL_CELLS = 16
 """Texels of a texture per cell of a tag."""
-_MOTION_PX = 0.6
-"""Most motion between two steps of an exposure."""
-_MOST_STEPS = 24
 _SHIFT = 4
 """Fractional bits of the vertices of outlines."""
 _MARGIN_PX = 6.0
@@ -106,7 +103,7 @@ class SimulatedCamera:
         self._bank = np.rint(bank).astype(np.int16)
         self._floor = self._draw_floor(floor_tags)
 
-    def draw(self, robots: Sequence[tuple[Body, Sequence[Array]]]) -> Gray:
+    def draw(self, robots: Sequence[tuple[Body, Sequence[Array] | Array]]) -> Gray:
         """Return a picture (height, width) of robots.
 
         Each has the poses (n, 3) of its centre on the floor at equal steps of the exposure; one
@@ -114,7 +111,7 @@ class SimulatedCamera:
         """
         picture = self._floor.copy()
         for body, poses in robots:
-            self._draw_body(picture, body, np.stack(poses))
+            self._draw_body(picture, body, np.asarray(poses, float))
         return self.add_noise(picture)
 
     def add_noise(self, picture: Gray) -> Gray:
@@ -220,8 +217,8 @@ class SimulatedCamera:
         """Return the steps (2, 2) of rays to the next column and row, in the middle of a window."""
         row = min((window.top + window.bottom) // 2, self._shape[0] - 2)
         column = min((window.left + window.right) // 2, self._shape[1] - 2)
-        here = self._rays[:2, row, column]
-        return np.stack([self._rays[:2, row, column + 1], self._rays[:2, row + 1, column]]) - here
+        rays = self._rays[:2, row : row + 2, column : column + 2].astype(float)
+        return np.stack([rays[:, 0, 1], rays[:, 1, 0]]) - rays[:, 0, 0]
 
     def _tag_axes(self, tag: Tag, poses: Array) -> Array:
         """Return axes and centre of a tag as columns (n, 3, 3), in the camera frame."""
@@ -232,7 +229,7 @@ class SimulatedCamera:
             corners[:, 2] - centre,
             centre - self.view.place.position_m,
         ]
-        return self.view.place.matrix @ np.stack(columns, axis=2)
+        return np.asarray(self.view.place.matrix @ np.stack(columns, axis=2), float)
 
     def _texture(self, tag: Tag) -> Gray:
         key = tag.family, tag.number
@@ -246,16 +243,11 @@ class SimulatedCamera:
             return part
         return np.asarray(cv2.GaussianBlur(part, (0, 0), self.sensor.blur_px), np.uint8)
 
-    def exposure_poses(self, before: SE2, after: SE2) -> list[Array]:
-        """Return the poses during an exposure from `before` to `after`, at most 0.6 px apart."""
-        ends = np.stack([np.append(each.xy_heading[:2], 0.2) for each in (before, after)])
-        shown = self.view.project(ends)
-        moved_px = float(np.linalg.norm(shown[1] - shown[0]))
-        turned_px = abs(float((before.inverse() @ after).xy_heading[2])) * 60.0
-        steps = 1 + min(_MOST_STEPS - 1, math.ceil((moved_px + turned_px) / _MOTION_PX))
-        way = (before.inverse() @ after).log()
-        shares = (np.arange(steps) + 0.5) / steps
-        return [np.asarray((before @ SE2.exp(share * way)).xy_heading) for share in shares]
+
+def exposure_poses(before: SE2, after: SE2) -> Array:
+    """Return the poses (16, 3) of a robot at the times of the samples of an exposure."""
+    shares = (np.arange(len(_TIMES)) + 0.5) / len(_TIMES)
+    return (before @ SE2.exp(shares[:, None] * (before.inverse() @ after).log())).xy_heading
 
 
 def on_robot(tag: Tag, points_m: Array) -> Array:

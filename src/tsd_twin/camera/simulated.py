@@ -17,7 +17,7 @@ from tsd_twin.camera.board import Board
 from tsd_twin.camera.bodies import FALLBACK_HEIGHT_M, FALLBACK_RADIUS_M, robot_solids
 from tsd_twin.camera.detect import Gray
 from tsd_twin.camera.lens import LENS_PARAMETERS, CameraPlace, Lens, View, rotation_matrix
-from tsd_twin.camera.render import Body, SimulatedCamera, Solid, cylinder
+from tsd_twin.camera.render import Body, SimulatedCamera, Solid, cylinder, exposure_poses
 from tsd_twin.camera.sources import CameraFrame
 from tsd_twin.camera.tags import Tag
 from tsd_twin.errors import BusError, NoAnswerError, TwinError
@@ -115,11 +115,11 @@ class SimulatedSource:
 
     def _draw(self, stamp_ns: int) -> Gray:
         half_ns = round(0.5e9 * self._camera.sensor.exposure_s)
-        shown: list[tuple[Body, Sequence[Array]]] = []
+        shown: list[tuple[Body, Array]] = []
         for robot, truth in self._truths.items():
             before, after = truth.at(stamp_ns - half_ns), truth.at(stamp_ns + half_ns)
             if before is not None and after is not None:
-                shown.append((self._body(robot), self._camera.exposure_poses(before, after)))
+                shown.append((self._body(robot), exposure_poses(before, after)))
         return self._camera.draw(shown)
 
     def _take_samples(self) -> None:
