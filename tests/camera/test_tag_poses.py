@@ -77,6 +77,11 @@ def test_pixels_lead_back_to_the_point_that_they_show(x, y, height):
     assert VIEW.on_plane(pixels, height)[0] == pytest.approx([0.3 * x, 0.2 * y], abs=1e-6)
 
 
+def test_pixels_are_those_of_opencv():
+    points = np.random.default_rng(0).uniform([-0.4, -0.3, 0.0], [0.4, 0.3, 0.5], (50, 3))
+    assert VIEW.project(points) == pytest.approx(VIEW.derivatives(points)[0], abs=1e-9)
+
+
 def test_a_camera_file_is_read_as_it_was_written(tmp_path):
     covariance = np.diag(np.arange(1.0, 15.0))
     setup = CameraSetup(VIEW.lens, VIEW.place, covariance, (TAG, Tag(100, 0.1)), exposure_s=0.01)

@@ -15,7 +15,6 @@ LENS_PARAMETERS = 8
 """fx, fy, cx, cy, k1, k2, p1, p2."""
 PARAMETERS = LENS_PARAMETERS + 6
 """Those of the lens, then rotation vector and position of the camera in the floor frame."""
-_NO = np.zeros(3)
 _PRECISE = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-9)
 """Steps and error in pixels; OpenCV's default stops 0.01 px off in a corner."""
 _undistorted = getattr(cv2, "undistortPointsIter", cv2.undistortPoints)  # Its name in OpenCV 4.
@@ -55,9 +54,19 @@ class Lens:
         return np.column_stack([np.asarray(flat, float).reshape(-1, 2), np.ones(len(points))])
 
     def pixels(self, points: Array) -> Array:
-        """Return the pixels (n, 2) of points (n, 3) in the camera frame."""
-        shown, _ = cv2.projectPoints(points, _NO, _NO, self.matrix, self.distortion)
-        return np.asarray(shown, float).reshape(-1, 2)
+        """Return the pixels (n, 2) of points (n, 3) in the camera frame.
+
+        As OpenCV's `projectPoints`, which also computes derivatives; not finite where z = 0.
+        """
+        fx, fy, cx, cy, k1, k2, p1, p2 = self.parameters.tolist()
+        with np.errstate(divide="ignore", invalid="ignore"):
+            x, y = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
+            xx, xy, yy = x * x, x * y, y * y
+            square = xx + yy
+            radial = 1.0 + square * (k1 + k2 * square)
+            column = cx + fx * (x * radial + 2.0 * p1 * xy + p2 * (square + 2.0 * xx))
+            row = cy + fy * (y * radial + p1 * (square + 2.0 * yy) + 2.0 * p2 * xy)
+        return np.stack([column, row], axis=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +126,7 @@ class View:
 
     def project(self, points_m: Array) -> Array:
         """Return the pixels (n, 2) of points (n, 3) of the floor frame."""
-        return self._projected(points_m)[0]
+        return self.lens.pixels(points_m @ self.place.matrix.T + self.place.offset_m)
 
     def by_points(self, points_m: Array) -> tuple[Array, Array]:
         """Return pixels (n, 2) with their derivatives (n, 2, 3) by the points."""
