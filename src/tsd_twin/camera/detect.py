@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsd_twin.camera.lens import Lens
-from tsd_twin.camera.tags import dictionary
+from tsd_twin.camera.tags import dictionary, side_cells
 from tsd_twin.lie import Array
 
 Gray: TypeAlias = NDArray[np.uint8]
@@ -130,7 +130,7 @@ def refined(picture: Gray, sightings: Sequence[Sighting], lens: Lens) -> list[Si
     if not sightings:
         return []
     corners = np.stack([each.corners for each in sightings])
-    cells = np.array([dictionary(each.family).markerSize + 2 for each in sightings])
+    cells = np.array([side_cells(each.family) for each in sightings])
     found, is_tag = refine_corners(picture, corners, cells, lens)
     return [replace(each, corners=found[i]) for i, each in enumerate(sightings) if is_tag[i]]
 

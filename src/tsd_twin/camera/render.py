@@ -16,12 +16,12 @@ import numpy as np
 
 from tsd_twin.camera.detect import Gray, Window
 from tsd_twin.camera.lens import View, pixel_grid, rotation_matrix
-from tsd_twin.camera.tags import QUIET_CELLS, Tag, with_quiet_zone
+from tsd_twin.camera.tags import QUIET_CELLS, Tag, side_cells, with_quiet_zone
 from tsd_twin.lie import SE2, Array
 
-SAMPLES = 4
+_SAMPLES = 4
 """Samples per pixel in each direction."""
-_OFFSETS = (np.indices((SAMPLES, SAMPLES)).reshape(2, -1)[::-1].T + 0.5) / SAMPLES - 0.5
+_OFFSETS = (np.indices((_SAMPLES, _SAMPLES)).reshape(2, -1)[::-1].T + 0.5) / _SAMPLES - 0.5
 """(16, 2): places of the samples in a pixel."""
 _TIMES = np.array([15, 2, 1, 12, 4, 9, 10, 7, 8, 5, 6, 11, 3, 14, 13, 0])
 """Order in which the samples are taken during an exposure.
@@ -161,7 +161,7 @@ class SimulatedCamera:
 
     def _plate(self, tag: Tag, poses: Array) -> Array:
         """Return the pixels (8, 2) of a tag's white border in the first and the last pose."""
-        corners = tag.corners_m * (1.0 + 2.0 * QUIET_CELLS / tag.cells)
+        corners = tag.corners_m * (1.0 + 2.0 * QUIET_CELLS / side_cells(tag.family))
         return self.view.project(np.concatenate(placed(on_robot(tag, corners), poses[[0, -1]])))
 
     def _draw_tag(self, picture: Gray, tag: Tag, poses: Array) -> None:
@@ -169,7 +169,7 @@ class SimulatedCamera:
         window = Window.around(self._plate(tag, poses), 2.0, picture.shape)
         if window.is_empty:
             return
-        scale = _TEXEL_CELLS * tag.cells / tag.size_m
+        scale = _TEXEL_CELLS * side_cells(tag.family) / tag.size_m
         axes = self._tag_axes(tag, poses)
         self._draw_plane(window.of(picture), window, self._texture(tag), scale, axes)
 

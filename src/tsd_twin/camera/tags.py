@@ -52,11 +52,6 @@ class Tag:
         return SE2(np.array([self.x_m, self.y_m, self.heading_rad]))
 
     @property
-    def cells(self) -> int:
-        """Cells of a side, with the black border."""
-        return dictionary(self.family).markerSize + 2
-
-    @property
     def corners_m(self) -> Array:
         """(4, 2): corners in its own frame, in the order of OpenCV: from top left, clockwise."""
         return 0.5 * self.size_m * np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
@@ -74,6 +69,11 @@ def dictionary(family: str) -> cv2.aruco.Dictionary:
     return cv2.aruco.getPredefinedDictionary(FAMILIES[family])
 
 
+def side_cells(family: str) -> int:
+    """Return the number of cells along a side of a tag, with its black border."""
+    return dictionary(family).markerSize + 2
+
+
 def cells(family: str, number: int) -> Cells:
     """Return the cells (n, n) of a tag with its black border, True where white.
 
@@ -85,8 +85,8 @@ def cells(family: str, number: int) -> Cells:
         raise TwinError(
             f"tag {number} does not exist: {family} has 0 to {len(known.bytesList) - 1}"
         )
-    side = known.markerSize + 2
-    return np.asarray(known.generateImageMarker(number, side, borderBits=1), np.uint8) > 0
+    picture = known.generateImageMarker(number, side_cells(family), borderBits=1)
+    return np.asarray(picture, np.uint8) > 0
 
 
 def with_quiet_zone(family: str, number: int) -> Cells:

@@ -12,7 +12,7 @@ import numpy as np
 from tsd_twin.camera.detect import Gray, Sighting, Window, detect, find_tags, refined
 from tsd_twin.camera.planar_fit import PlanarPose, Refusal, corner_sigma_px, measure
 from tsd_twin.camera.setup_file import CameraSetup
-from tsd_twin.camera.tags import Tag
+from tsd_twin.camera.tags import Tag, side_cells
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import Array
 
@@ -27,7 +27,6 @@ MARGIN_SHARE, MARGIN_PX = 0.25, 16.0
 pixels."""
 LARGEST_SMEAR_CELLS = 0.8
 """Beyond it the cells of a tag run into each other."""
-_CELLS = 8
 MOST_UNCERTAIN_M, MOST_UNCERTAIN_RAD = 0.02, math.radians(2.0)
 """Largest standard deviations of a pose that is published."""
 
@@ -150,7 +149,7 @@ class TagTracker:
     ) -> PlanarPose | Refusal:
         if now_s < self._twice_until_s.get((tag.family, tag.number), -math.inf):
             return Refusal.TWICE
-        if smear_px > LARGEST_SMEAR_CELLS * sighting.side_px / _CELLS:
+        if smear_px > LARGEST_SMEAR_CELLS * sighting.side_px / side_cells(tag.family):
             return Refusal.BLURRED
         sigma_px = corner_sigma_px(picture, sighting, smear_px)
         found = measure(
