@@ -12,11 +12,9 @@ from attack.operators import UncheckedOperator
 from attack.table import Row
 from tests.support.programs import Program
 from tsd_twin import robots
-from tsd_twin.bus import Bus, client_config
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import BASE, TwistStamped, decode_odometry, encode_twist
 from tsd_twin.messages.commands import encode_attachment
-from tsd_twin.messages.services import HolderRequest, StopRequest
 from tsd_twin.messages.topics import QoS, Service
 
 MAX_AGE_S = 1.0
@@ -49,39 +47,33 @@ def _late_command(endpoint: str, name: str) -> tuple[float, float]:
     """Return the travel after the late command, and its delay since STOP."""
     drive = robots.load_robot(name).kinematics()
     raw = UncheckedOperator(endpoint, name)
-    bus = Bus(client_config([endpoint]))
+    commands = raw.bus.publisher(topics.twist_key(name, "raw"), QoS.REAL_TIME)
     try:
-        bus.wait_for_peer(5.0)
-        truths = bus.subscriber(topics.TRUTH.key(name), 64)
-        commands = bus.publisher(topics.twist_key(name, "raw"), QoS.REAL_TIME)
         raw.get_ready(MAX_AGE_S)
         raw.push(0.2)
         time.sleep(PUSHED_S)
         twist = np.zeros(6)
         twist[drive.twist_axes[0]] = 0.2
-        link, driver = raw.link, raw.driver
-        lease = bytes.fromhex(driver.lease_hex)
-        late = encode_attachment(10**9, lease, link.snapshot.status_seq)
+        late = encode_attachment(10**9, bytes.fromhex(raw.lease), raw.seen)
         raw.release()
         stopped_s = time.monotonic()
-        raw.call(Service.STOP, StopRequest("bob"))
+        raw.ask(Service.STOP, operator="bob")
         time.sleep(0.52)
-        raw.call(Service.RESET, HolderRequest(driver.lease_hex))
-        raw.call(Service.ARM, HolderRequest(driver.lease_hex))
-        while (status := raw.status) is None or status.mode != "ready":
+        raw.ask(Service.RESET, lease=raw.lease)
+        raw.ask(Service.ARM, lease=raw.lease)
+        while raw.status.mode != "ready":
             if time.monotonic() - stopped_s > 10.0:
                 raise TimeoutError(f"{name} does not become ready")
             time.sleep(0.005)
             raw.renew()
-        before = _top(truths.take_samples()[-1].payload, name)
+        before = _top(raw.newest["truth"].payload, name)
         late_s = time.monotonic() - stopped_s
         commands.put(encode_twist(TwistStamped(BASE, twist)), late)
         time.sleep(WATCHED_S)
-        after = _top(truths.take_samples()[-1].payload, name)
+        after = _top(raw.newest["truth"].payload, name)
         return math.dist(before, after), late_s
     finally:
         raw.close()
-        bus.close()
 
 
 def _top(payload: bytes, name: str) -> tuple[float, ...]:

@@ -11,12 +11,11 @@ import urllib.request
 from collections.abc import Callable, Generator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from tests.support.bus_operator import BusOperator
 from tests.support.programs import Program
-from tests.support.robot_node import QUICK, RunningNode
-from tsd_twin import robots
+from tests.support.robot_node import QUICK, RunningNode, behind
 from tsd_twin.bus import Bus
 from tsd_twin.messages import topics
 from tsd_twin.messages.topics import Service
@@ -56,19 +55,6 @@ def mock(*flags: str, preload: str = "") -> Generator[RunningNode]:
         endpoint = started.ready().split()[-1]
         robot_id = flags[flags.index("--id") + 1] if "--id" in flags else "tsd"
         yield behind(endpoint, robot_id)
-
-
-def behind(endpoint: str, robot_id: str = "tsd") -> RunningNode:
-    """Return the connection data of a robot at an endpoint."""
-    nothing = cast("Any", None)
-    return RunningNode(
-        robot_id,
-        robots.read_description("tsd"),
-        robots.load_robot("tsd"),
-        nothing,
-        endpoint,
-        nothing,
-    )
 
 
 @contextmanager

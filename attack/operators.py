@@ -10,18 +10,11 @@ import threading
 import time
 from typing import Protocol
 
-import msgspec
-
 from attack.track import PATIENCE_S
+from tests.support.bus_operator import BusOperator
 from tests.support.pretend_page import PretendPage
 from tests.support.programs import Program
-from tsd_twin.bus import Bus, client_config
-from tsd_twin.client.monitor import RobotMonitor
-from tsd_twin.client.protocol import ControlProtocol
-from tsd_twin.errors import BusError
-from tsd_twin.messages.cdr import BASE
-from tsd_twin.messages.services import HolderRequest, LeaseReply, LeaseRequest, decode_json
-from tsd_twin.messages.status import RobotStatus
+from tests.support.robot_node import behind
 from tsd_twin.messages.topics import Service
 
 PERIOD_S = 0.02
@@ -47,88 +40,40 @@ class Operator(Protocol):
         ...
 
 
-class UncheckedOperator:
+class UncheckedOperator(BusOperator):
     """Bus client without client-side checks: commands echo the latest status, however old.
 
-    It ignores the mode and a missing status, and sends no final zero.
+    It ignores the mode, and sends no final zero.
     """
 
-    def __init__(self, endpoint: str, robot_id: str) -> None:
-        self._bus = Bus(client_config([endpoint]))
-        if not self._bus.wait_for_peer(PATIENCE_S):
-            raise TimeoutError(f"no robot answers at {endpoint}")
-        self._link = _linked(self._bus, robot_id)
-        # Not fed with statuses, so that it never gives up the lease.
-        self._driver: ControlProtocol | None = None
+    def __init__(self, endpoint: str, name: str) -> None:
+        super().__init__(behind(endpoint, name, name), "raw")
         self._x: float | None = None
         self._ends = threading.Event()
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
 
-    @property
-    def status(self) -> RobotStatus | None:
-        """Latest status."""
-        return self._link.snapshot.status
-
-    @property
-    def link(self) -> RobotMonitor:
-        """Connection to the robot."""
-        return self._link
-
-    @property
-    def driver(self) -> ControlProtocol:
-        """Current lease.
-
-        Raises:
-            TimeoutError: If it has never become ready.
-        """
-        if self._driver is None:
-            raise TimeoutError("it has no lease")
-        return self._driver
-
     def renew(self) -> None:
         """Renew the lease without a command."""
-        lease = self.driver.lease_hex
-        self._ask(LeaseRequest(op="renew", operator="raw", lease=lease))
+        self.ask(Service.LEASE, op="renew", operator=self.name, lease=self.lease)
 
-    def call(self, service: Service, request: msgspec.Struct) -> None:
-        """Call a service and ignore the response."""
-        self._link.call(service, msgspec.json.encode(request), 1.0)
-
-    def _ask(self, request: LeaseRequest) -> LeaseReply:
-        answer = self._link.call(Service.LEASE, msgspec.json.encode(request), 1.0)
-        if answer is None:
-            return LeaseReply(False, reason="the robot does not answer")
-        return decode_json(answer, LeaseReply, "a reply")
-
-    def get_ready(self, max_age_s: float) -> None:
+    def get_ready(self, max_age_s: float | None = None) -> None:
         """Take control with a lease, and arm; retry until the robot is ready.
 
         Raises:
             TimeoutError: If the robot does not become ready.
         """
         deadline_s = time.monotonic() + PATIENCE_S
-        lease = LeaseRequest(op="acquire", operator="raw", take_over=True, max_age_s=max_age_s)
-        reply = self._ask(lease)
-        while not reply.granted or reply.lease is None:
-            _check(deadline_s, reply.reason)
+        while not (reply := self.acquire(take_over=True, max_age_s=max_age_s))["granted"]:
+            _check(deadline_s, reply["reason"])
             time.sleep(0.1)
-            reply = self._ask(lease)
-        driver = ControlProtocol(self._link.id, self._link.robot, "raw")
-        driver.grant(reply, time.monotonic())
-        self._driver = driver
-        granted_s = time.monotonic()
-        renewal = LeaseRequest(op="renew", operator="raw", lease=reply.lease)
+        self.wait_for_news()  # A status in flight does not show the lease.
         steps = {"stopped": Service.RESET, "fault": Service.RESET, "disarmed": Service.ARM}
-        while True:
-            # A status in flight when the lease was granted does not show it.
-            status = self.status if time.monotonic() - granted_s > 0.15 else None
-            if status is not None and status.mode == "ready" and status.lease.holder == "raw":
-                return
-            if status is not None and status.mode in steps:
-                self.call(steps[status.mode], HolderRequest(reply.lease))
-            self._ask(renewal)
-            _check(deadline_s, f"the robot is {status.mode if status else 'silent'}")
+        while (mode := self.status.mode) != "ready" or self.status.lease.holder != self.name:
+            if mode in steps:
+                self.ask(steps[mode], lease=self.lease)
+            self.renew()
+            _check(deadline_s, f"the robot is {mode}")
             time.sleep(0.05)
 
     def push(self, x: float) -> None:
@@ -143,17 +88,12 @@ class UncheckedOperator:
         """Leave the bus."""
         self._ends.set()
         self._thread.join()
-        self._link.close()
-        self._bus.close()
+        self.bus.close()
 
     def _run(self) -> None:
-        next_s = time.monotonic()
-        while not self._ends.wait(max(0.0, next_s - time.monotonic())):
-            next_s = max(next_s + PERIOD_S, time.monotonic())
-            self._link.poll(time.monotonic())
-            if self._driver is not None and (x := self._x) is not None:
-                now_s, seen = time.monotonic(), self._link.snapshot.status_seq
-                self._link.send(self._driver.command((x, 0.0, 0.0), BASE, now_s, seen))
+        while not self._ends.wait(PERIOD_S):
+            if (x := self._x) is not None:
+                self.send((x, 0.0, 0.0))
 
 
 class PageBehindGateway:
@@ -215,16 +155,6 @@ class PageBehindGateway:
         """Process id of the page."""
         assert self._page is not None
         return self._page.process.pid
-
-
-def _linked(bus: Bus, robot_id: str) -> RobotMonitor:
-    """Return a link to a robot as soon as it is available."""
-    deadline_s = time.monotonic() + PATIENCE_S
-    while True:
-        try:
-            return RobotMonitor(bus, robot_id)
-        except BusError as error:
-            _check(deadline_s, str(error))
 
 
 def _check(deadline_s: float, why: str) -> None:

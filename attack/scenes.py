@@ -81,7 +81,7 @@ def with_board(
             stack.callback(nodes[-1].clean_up)
             raw = UncheckedOperator(nodes[-1].ready().removeprefix("ready: "), robot.name)
             scene.operator = raw
-            scene.status = lambda: raw.status or _silence()
+            scene.status = lambda: raw.status
 
         scene.node, scene.start_node = lambda: nodes[-1], start_node
         stack.callback(lambda: scene.operator.close())

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import itertools
-import json
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 
-import numpy as np
-
 import tsd_twin
 from bench import peers
-from bench.programs import mock, peer, until
+from bench.programs import mock, peer
 from bench.table import Row, Run, quantiles
+from tests.support.bus_operator import BusOperator
+from tests.support.robot_node import behind
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.client import RobotClient
 from tsd_twin.messages import topics
-from tsd_twin.messages.cdr import BASE, TwistStamped, decode_joints, encode_twist
-from tsd_twin.messages.commands import encode_attachment
-from tsd_twin.messages.status import decode_stamp
+from tsd_twin.messages.cdr import decode_joints
 from tsd_twin.messages.topics import QoS, Sample, Service
 
 _PERIOD_S = 0.02
@@ -35,9 +32,9 @@ def rows(run: Run) -> Iterator[Row]:
         endpoint, bare_endpoint = (stack.enter_context(each) for each in (mock(), peer("node")))
         robot, bare = (stack.enter_context(Bus(client_config([each])))
                        for each in (endpoint, bare_endpoint))  # fmt: skip
-        echo, operator = bare_echo(bare), Operator(robot)
+        echo = bare_echo(bare)
         subjects: dict[str, Latencies] = {
-            "put": lambda: operator.latencies_ms(count),
+            "put": lambda: quantiles(bus_commands(robot, endpoint, count)),
             "client": lambda: quantiles(client_commands(robot, tsd_twin.connect(endpoint), count)),
         }
         for name, subject in subjects.items():
@@ -73,42 +70,16 @@ def bare_echo(bus: Bus) -> tuple[Callable[[], None], threading.Event]:
     return send, came
 
 
-class Operator:
-    """Operator that puts commands on the bus without the client library."""
-
-    def __init__(self, bus: Bus) -> None:
-        self._bus, self._came = bus, watch_setpoint(bus)
-        self._seen, self._mode, self._numbers = 0, "", itertools.count(1)
-        self._out = bus.publisher(topics.twist_key("tsd", "bench"), QoS.REAL_TIME)
-        bus.subscribe(topics.STATUS.key("tsd"), self._note)
-        until(lambda: self._seen > 0)
-
-    def latencies_ms(self, count: int) -> tuple[float, float]:
-        """Take control, measure from the put to the setpoint, and release the robot."""
-        lease: str = self._ask(Service.LEASE, op="acquire", operator="bench")["lease"]
-        self._ask(Service.ARM, lease=lease)
-        renewal = {"op": "renew", "operator": "bench", "lease": lease}
-        until(lambda: bool(self._ask(Service.LEASE, **renewal)) and self._mode == "ready")
-
-        def send(vx_mps: float) -> None:
-            twist = encode_twist(TwistStamped(BASE, np.array([vx_mps, 0, 0, 0, 0, 0])))
-            stamp = encode_attachment(next(self._numbers), bytes.fromhex(lease), self._seen)
-            self._out.put(twist, stamp)
-
-        times_ms = paced_speeds(send, self._came, count)
-        for _ in range(20):  # Come to rest, because a robot that moves stops by a fault.
-            send(0.0)
-            time.sleep(_PERIOD_S)
-        self._ask(Service.DISARM, lease=lease)
-        self._ask(Service.LEASE, **{**renewal, "op": "release"})
-        return quantiles(times_ms)
-
-    def _ask(self, service: Service, **fields: str) -> dict[str, str]:
-        return json.loads(self._bus.query(service.key("tsd"), json.dumps(fields).encode()))
-
-    def _note(self, sample: Sample) -> None:
-        self._seen = decode_stamp(sample.attachment)[0]
-        self._mode = json.loads(sample.payload)["mode"]
+def bus_commands(bus: Bus, endpoint: str, count: int) -> list[float]:
+    """Return times from a put without the client library to the setpoint, at 50 Hz."""
+    came = watch_setpoint(bus)
+    with BusOperator(behind(endpoint), "bench") as pilot:
+        pilot.get_ready()
+        times_ms = paced_speeds(lambda vx_mps: pilot.send((vx_mps, 0.0, 0.0)), came, count)
+        pilot.drive((0.0, 0.0, 0.0), 0.4)  # A robot that moves would stop by a fault.
+        pilot.ask(Service.DISARM, lease=pilot.lease)
+        pilot.ask(Service.LEASE, op="release", operator=pilot.name, lease=pilot.lease)
+    return times_ms
 
 
 def client_commands(bus: Bus, connected: RobotClient, count: int) -> list[float]:

@@ -50,7 +50,7 @@ class BusOperator:
         )
         self.bus.subscribe(f"twin/{self.id}/state/*", self._note)
         self.bus.subscribe_events(topics.EVENT.key(self.id), self._note_event)
-        self.wait_until(lambda: len(self.newest) == streams)
+        self.wait_until(lambda: len(self.newest) >= streams and "status" in self.newest)
 
     @classmethod
     def blind(cls, node: RunningNode) -> Self:

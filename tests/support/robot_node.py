@@ -9,7 +9,7 @@ import tempfile
 import threading
 from collections.abc import Generator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 from tests.support.withheld import IN_PROCESS, PATIENCE_S, budget, this_thread_is_a_robot
 from tsd_twin import robots
@@ -65,6 +65,19 @@ class RunningNode:
         bus = Bus(client_config([self.endpoint]))
         assert bus.wait_for_peer(PATIENCE_S)
         return bus
+
+
+def behind(endpoint: str, robot_id: str = "tsd", robot_name: str = "tsd") -> RunningNode:
+    """Return the connection data of a shipped robot at an endpoint."""
+    nothing = cast("Any", None)
+    return RunningNode(
+        robot_id,
+        robots.read_description(robot_name),
+        robots.load_robot(robot_name),
+        nothing,
+        endpoint,
+        nothing,
+    )
 
 
 @contextlib.contextmanager
