@@ -33,17 +33,17 @@ _PAINTED = """
     }
     return null;
   };
-  /** The part of a box that its ancestors do not scroll away or clip. */
+  /** The part of a box that its ancestors do not scroll away or clip; a title has all of a text. */
   const clipped = (node, { left, top, right, bottom }) => {
     const box = { left, top, right, bottom, cut: false };
     for (let each = node; each !== null; each = each.parentElement) {
-      const { overflowX, overflowY, textOverflow, webkitLineClamp } = getComputedStyle(each);
+      const { overflowX, overflowY } = getComputedStyle(each);
       if (overflowX === "visible" && overflowY === "visible") continue;
       const outer = each.getBoundingClientRect();
       const scrolls = [overflowX, overflowY].some((way) => way === "auto" || way === "scroll");
       const exceeds = box.left < outer.left - 1 || box.right > outer.right + 1 ||
         box.top < outer.top - 1 || box.bottom > outer.bottom + 1;
-      const isKnown = scrolls || textOverflow === "ellipsis" || webkitLineClamp !== "none";
+      const isKnown = scrolls || each.closest("[title]") !== null;
       if (exceeds && !isKnown) box.cut = true;
       box.left = Math.max(box.left, outer.left);
       box.right = Math.min(box.right, outer.right);

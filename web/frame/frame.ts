@@ -55,7 +55,7 @@ function showSceneOnly(): void {
   const style = document.createElement("style");
   style.textContent = `
     body :not(canvas, :has(canvas)) { display: none !important }
-    html, body, :has(canvas) { background: transparent !important; color-scheme: normal !important }
+    html, body, :has(canvas) { background: transparent !important; color-scheme: light !important }
   `;
   document.head.append(style);
 }

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tsd_twin.dashboard.scene.appearance import PALETTES, Rgb, Theme
 from tsd_twin.dashboard.scene.framing import Rectangle, Stand, frame_robot, pictured
-from tsd_twin.dashboard.scene.metres import metre_places
+from tsd_twin.dashboard.scene.metres import metre_places, text_picture
 from tsd_twin.dashboard.scene.paths import trail_shares
 from tsd_twin.dashboard.scene.robot_geometry import robot_shape
 from tsd_twin.dashboard.scene.stage import contact_shadow
@@ -97,6 +97,12 @@ def test_the_trail_fades_with_its_age_and_is_never_gone(ages: list[float]) -> No
     assert (np.diff(shares) <= 0.0).all()
     assert (shares > 0.2).all()
     assert trail_shares(np.zeros(1))[0] == 1.0
+
+
+def test_a_negative_metre_has_a_minus_sign() -> None:
+    negative, positive = (text_picture(f"y {metre} m", (255, 255, 255)) for metre in (-1, 1))
+    assert negative.shape[1] > positive.shape[1] + 30  # A hyphen is narrower,
+    assert negative.shape[0] == positive.shape[0]  # and the box of an unknown sign is higher.
 
 
 places = st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0))

@@ -17,7 +17,7 @@ export function Named({ text, name }: { text: (name: string) => string; name: st
     <>
       {before}
       <b>
-        <bdi>{name}</bdi>
+        <bdi title={name}>{name}</bdi>
       </b>
       {after}
     </>

@@ -37,6 +37,8 @@ export function Slot() {
   );
 }
 
+const LONG = 90; // Characters that may have to be small, or scroll.
+
 /** Explanation of the state, and the advice. */
 function Words({ step }: { step: Step }) {
   const { requests } = useSession();
@@ -47,14 +49,20 @@ function Words({ step }: { step: Step }) {
   const isSpoken = !isAlarm && step.id !== "past"; // The time runs.
   const refused = next?.refused ? refusalText(next.refused) : null;
   const kind = typeof next?.does === "object" ? next.does.t : undefined;
+  const rest = [step.detail, refused].filter(Boolean).join(" ");
+  const isLong = title.length + rest.length > LONG;
   return (
-    <p role={isAlarm ? "alert" : undefined} title={[title, step.detail].filter(Boolean).join(" ")}>
+    <p
+      class={isLong ? "long" : undefined}
+      role={isAlarm ? "alert" : undefined}
+      tabIndex={isLong ? 0 : undefined}
+    >
       <b aria-live={isSpoken ? "polite" : undefined}>
         {title.slice(0, at)}
         {name && <bdi>{name}</bdi>}
         {title.slice(at + name.length)}
       </b>{" "}
-      <span>{[step.detail, refused].filter(Boolean).join(" ")}</span>{" "}
+      <span>{rest}</span>{" "}
       <span class="warn" role="status">
         {kind && requests.isPending(kind) && deck.sent}
         {kind && requests.unanswered.value === kind && `${common.noAnswer}.`}
@@ -75,7 +83,8 @@ function Act({ action, isQuiet = false }: { action: Action; isQuiet?: boolean })
   return (
     <NextStep {...act} hold={hold} busy={isRequest && requests.isPending(does.t)}>
       {text}
-      {key && <kbd> {key}</kbd>}
+      {key && " "}
+      {key && <kbd>{key}</kbd>}
     </NextStep>
   );
 }

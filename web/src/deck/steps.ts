@@ -130,8 +130,7 @@ function withControl({ link, path }: Session, state: RobotState): Step {
     return { id: "arming", title: title ?? deck.arming["hold"], progress: arming?.progress ?? 0 };
   }
   if (route?.phase !== "planned") return { id: "speed" };
-  const detail = deck.goThen(figure(route.length_m, 1), duration(route.time_s));
-  return { id: "path", title: deck.path, detail, path: true };
+  return { id: "path", title: deck.path, path: true };
 }
 
 function going({ length_m, done_m }: RouteState): Step {
@@ -179,7 +178,11 @@ function latched(link: Link, { status, mode_age_s }: RobotState): Step {
   const detail = deck.ago(duration(mode_age_s));
   const by = stop?.code === "stop_requested" && !stop.cause ? stop.params?.["by"] : undefined;
   if (by === undefined)
-    return { id: mode, title: stop ? sentence(stop).slice(0, -1) : common.modes[mode], detail };
+    return {
+      id: mode,
+      title: stop ? `${sentence(stop).slice(0, -1)},` : common.modes[mode],
+      detail,
+    };
   if (by === link.welcome.value?.operator) return { id: mode, title: deck.youStopped, detail };
   return { ...about(String(by), mode, deck.stoppedBy), detail };
 }

@@ -168,7 +168,6 @@ export interface Table {
     readonly keep: string;
     readonly sent: string;
     readonly go: string;
-    readonly goThen: (length: Value, time: Value) => string;
     readonly path: string;
     readonly going: (done: Value, length: Value) => string;
     readonly past: (time: Value) => string;
@@ -479,7 +478,7 @@ export interface Table {
     readonly title: string;
     readonly outside: string;
     readonly within: string;
-    readonly readings: (count: Value) => string;
+    readonly readings: (count: number) => string;
     readonly fine: (count: Value) => string;
     readonly events: string;
     readonly noEvents: string;

@@ -35,6 +35,8 @@ export function DriveTab() {
   const robot = link.robot.value;
   const { drive: words } = texts().panel;
   if (robot === null) return <p class="note">{words.waiting}</p>;
+  // Nothing drives a recording.
+  if (link.recording !== null) return <WheelsDo preview={null} />;
   return (
     <div class="drive-tab">
       <FirstDrive />
@@ -143,7 +145,7 @@ function Axis({ axis, sliders, robot }: AxisProps) {
         most={axis === "turn" ? turn : speed}
         spoken={asked === 0 ? words.zero : words.spoken(figure(Math.abs(asked), 2), unit, way)}
         mirrored={mirrored}
-        off={looks ? link.recording !== null : refusal !== null}
+        off={refusal !== null}
         refused={refusal && refusalText(refusal)}
         looksOnly={looks}
       />

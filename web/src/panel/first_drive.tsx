@@ -23,7 +23,7 @@ export function FirstDrive() {
     setDone(now);
     if (now === first.steps.length) wasDriven.value = true;
   }, [state]);
-  if (!open || link.recording !== null) return null;
+  if (!open) return null;
   const close = () => {
     wasDriven.value = true;
     setOpen(false);

@@ -38,8 +38,7 @@ export class PanelSliders implements Source, Holder {
   }
 
   get held(): boolean {
-    // A page that shows a recording may ask for no preview.
-    return this.#asked.size > 0 && !(this.looksOnly && this.drive.link.recording !== null);
+    return this.#asked.size > 0;
   }
 
   get alone(): boolean {

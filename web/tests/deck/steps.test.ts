@@ -50,7 +50,7 @@ const TABLE: [string, object, object, string, string | undefined, string | undef
     { mode: "fault", stop: { code: "joints_silent", params: { ms: 80 } } },
     {},
     "fault",
-    "The joints have not been measured for 80 ms",
+    "The joints have not been measured for 80 ms,",
     "Hold to reset",
   ],
   [
@@ -58,7 +58,7 @@ const TABLE: [string, object, object, string, string | undefined, string | undef
     { mode: "stopped", stop: { code: "stop_with_text", params: { by: "bob", text: "smoke" } } },
     {},
     "stopped",
-    "Smoke",
+    "Smoke,",
     "Hold to reset",
   ],
   [
@@ -188,7 +188,7 @@ test("a planned path is the next step until it is driven by hand, and a held one
   const { session, state } = openPage();
   const route = { number: 1, phase: "planned", length_m: 3, time_s: 8, done_m: 0 } as RouteState;
   state({}, { route });
-  expect(stepOf(session)).toMatchObject({ id: "path", detail: "3.0 m in 8 s." });
+  expect(stepOf(session)).toMatchObject({ id: "path", path: true });
   session.path.hold();
   const asked = { mode: "driving", lease: { ...LEASE, requested_by: "bob" } };
   state(asked, { route: { ...route, phase: "going", done_m: 1.5 } });

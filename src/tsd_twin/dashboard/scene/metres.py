@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +19,8 @@ _LABEL_PX = 14
 """Enough for 12 px after the camera has followed the robot by the step of the labels."""
 _SHARPNESS = 4
 """Pixels of a label's picture per pixel on the screen."""
+_FONT = Path(__file__).parents[1] / "bundle" / "inter.woff2"
+"""Font of the page; Pillow's own has no minus sign."""
 _RANGE_M = 6
 _STEP_M = 0.05
 _LEAST_DEPTH_M = 0.1
@@ -132,7 +135,8 @@ def _facing(pose: CameraPose) -> Array:
 @lru_cache(maxsize=256)
 def text_picture(text: str, colour: Rgb) -> npt.NDArray[np.uint8]:
     """Return a text on a transparent ground, (height, width, 4)."""
-    font = ImageFont.load_default(_LABEL_PX * _SHARPNESS)
+    font = ImageFont.truetype(_FONT, _LABEL_PX * _SHARPNESS)
+    text = text.replace("-", "\N{MINUS SIGN}")
     left, top, right, bottom = font.getbbox(text)
     picture = Image.new("RGBA", (round(right - left) + 8, round(bottom - top) + 8), (*colour, 0))
     ImageDraw.Draw(picture).text((4 - left, 4 - top), text, font=font, fill=(*colour, 255))
