@@ -22,6 +22,8 @@ _AZIMUTH_RAD, _ELEVATION_RAD = math.radians(-150.0), math.radians(28.0)
 _KEY_LIGHT, _SKY_LIGHT, _GLOSS, _GLOSS_EXPONENT = 0.65, 0.32, 0.15, 24
 _GAMMA = 2.2
 _QUALITY = 85
+_AT_ONCE = 50_000
+"""Pixels of triangles that are computed at once; more do not fit into the caches."""
 
 
 def render_portrait(parts: Iterable[tuple[Array, Part]]) -> bytes:
@@ -64,10 +66,6 @@ def rasterize(triangles: Array, width: int, height: int) -> npt.NDArray[np.intp]
     last = np.minimum(np.floor(flat.max(axis=1) - 0.5), [width - 1, height - 1]).astype(np.intp)
     columns, rows = np.maximum(last - first + 1, 0).T
     count = columns * rows
-    which = np.repeat(np.arange(len(triangles)), count)
-    place = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
-    x = first[which, 0] + place % columns[which]
-    y = first[which, 1] + place // columns[which]
     # Barycentric coordinates are linear in the place: u = g . (p - a).
     a = flat[:, 0]
     ab, ac = flat[:, 1] - a, flat[:, 2] - a
@@ -75,16 +73,27 @@ def rasterize(triangles: Array, width: int, height: int) -> npt.NDArray[np.intp]
     area[abs(area) < 1e-9] = np.nan  # Seen edge-on: no point is inside.
     gu = np.stack([ac[:, 1], -ac[:, 0]], axis=1) / area[:, None]
     gv = np.stack([-ab[:, 1], ab[:, 0]], axis=1) / area[:, None]
-    dx, dy = x + 0.5 - a[which, 0], y + 0.5 - a[which, 1]
-    u = gu[which, 0] * dx + gu[which, 1] * dy
-    v = gv[which, 0] * dx + gv[which, 1] * dy
-    inside = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0)
-    which, u, v, pixel = which[inside], u[inside], v[inside], (y * width + x)[inside]
-    depths = triangles[which, :, 2]
-    depth = depths[:, 0] + u * (depths[:, 1] - depths[:, 0]) + v * (depths[:, 2] - depths[:, 0])
-    from_far = np.argsort(-depth, kind="stable")
     nearest = np.full(width * height, -1)
-    nearest[pixel[from_far]] = which[from_far]  # The last assignment to a pixel stays.
+    depth_of = np.full(width * height, np.inf)
+    total = np.cumsum(count)
+    borders = np.searchsorted(total, np.arange(_AT_ONCE, total[-1], _AT_ONCE))
+    for part in np.split(np.arange(len(triangles)), borders):
+        which = np.repeat(part, count[part])
+        place = np.arange(len(which)) - np.repeat(np.cumsum(count[part]) - count[part], count[part])
+        x = first[which, 0] + place % columns[which]
+        y = first[which, 1] + place // columns[which]
+        dx, dy = x + 0.5 - a[which, 0], y + 0.5 - a[which, 1]
+        u = gu[which, 0] * dx + gu[which, 1] * dy
+        v = gv[which, 0] * dx + gv[which, 1] * dy
+        inside = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0)
+        which, u, v, pixel = which[inside], u[inside], v[inside], (y * width + x)[inside]
+        depths = triangles[which, :, 2]
+        ab_depth, ac_depth = depths[:, 1] - depths[:, 0], depths[:, 2] - depths[:, 0]
+        depth = depths[:, 0] + u * ab_depth + v * ac_depth
+        near = np.flatnonzero(depth < depth_of[pixel])
+        near = near[np.argsort(-depth[near], kind="stable")]
+        nearest[pixel[near]] = which[near]  # The last assignment to a pixel stays.
+        depth_of[pixel[near]] = depth[near]
     return nearest.reshape(height, width)
 
 
