@@ -75,8 +75,8 @@ def rasterize(triangles: Array, width: int, height: int) -> npt.NDArray[np.intp]
     gv = np.stack([-ab[:, 1], ab[:, 0]], axis=1) / area[:, None]
     nearest = np.full(width * height, -1)
     depth_of = np.full(width * height, np.inf)
-    total = np.cumsum(count)
-    borders = np.searchsorted(total, np.arange(_AT_ONCE, total[-1], _AT_ONCE))
+    total = np.cumsum(count, dtype=np.intp)
+    borders = np.searchsorted(total, np.arange(_AT_ONCE, int(total[-1]), _AT_ONCE))
     for part in np.split(np.arange(len(triangles)), borders):
         which = np.repeat(part, count[part])
         place = np.arange(len(which)) - np.repeat(np.cumsum(count[part]) - count[part], count[part])
