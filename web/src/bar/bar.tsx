@@ -45,7 +45,11 @@ function OfRobot({ opened }: { opened: Opened }) {
     <>
       <RobotMenu />
       <Mode />
-      {link.recording !== null && <bdi class="fact roomy">{link.recording}</bdi>}
+      {link.recording !== null && (
+        <bdi class="fact roomy" title={link.recording}>
+          {link.recording}
+        </bdi>
+      )}
       {!layout.phone.value && <Who />}
       {!layout.phone.value && <Actions opened={opened} />}
       <Question />
@@ -89,7 +93,7 @@ function RobotMenu() {
   const named = (id: string) => (
     <>
       <span class="dot" style={{ "--c": robots.find((each) => each.id === id)?.colour }} />
-      <bdi>{id}</bdi>
+      <bdi title={id}>{id}</bdi>
     </>
   );
   const shown = named(robot.id);

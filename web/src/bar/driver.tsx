@@ -43,13 +43,17 @@ export function Who() {
     return isReplay ? <span class="fact">{bar.replayShown}</span> : null;
   }
   const { holder, reserved_for: keptFor, you, isViewer } = lease;
+  const who = holder ?? keptFor;
+  const text = holder === null ? bar.kept : bar.drives;
+  const isFree = who === null && !isViewer;
+  const named = who !== null && !you ? text(nameOf(who)) : null;
+  const title = [isViewer && bar.mayLook, you && bar.you, named, isFree && bar.free];
   return (
-    <span class="fact driver">
+    <span class="fact driver" title={title.filter(Boolean).join(" ")}>
       {isViewer && <b>{bar.mayLook}</b>}
       {you && <b>{bar.you}</b>}
-      {!you && holder !== null && <Named text={bar.drives} name={nameOf(holder)} />}
-      {holder === null && keptFor !== null && <Named text={bar.kept} name={nameOf(keptFor)} />}
-      {holder === null && keptFor === null && !isViewer && bar.free}
+      {named !== null && who !== null && <Named text={text} name={nameOf(who)} />}
+      {isFree && bar.free}
     </span>
   );
 }
@@ -108,7 +112,7 @@ export function Question() {
       </span>
       {requester !== null && path.going.value && (
         <div class="asks" role="group" aria-label={bar.request}>
-          <span>
+          <span title={bar.asksYou(name)}>
             <Named text={bar.asksYou} name={name} />
             <span class="u" aria-hidden="true">
               {Math.ceil(lease?.request_expires_in_s ?? 0)} s

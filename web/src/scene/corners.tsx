@@ -45,6 +45,7 @@ export function Modes() {
         <span
           role="status"
           aria-label={labels.label}
+          tabIndex={isShown ? 0 : undefined}
           aria-live={path.route.value?.phase === "going" ? "off" : "polite"}
         >
           {pathText(path)}
