@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from tsd_twin import robots
 from tsd_twin.estimation import PoseFilter, with_gyro
+from tsd_twin.estimation.pose_filter import GATE
 from tsd_twin.lie import SE2, Array
 from tsd_twin.motion.paths import spline
 from tsd_twin.motion.routes import Route, TangentHeading
@@ -217,3 +218,70 @@ def test_with_the_noise_of_wpilib_the_end_is_within_half_a_percent_of_the_path()
     claimed = filtered.covariance[:, :2, :2]
     normalised = np.einsum("ni,nij,nj->n", off[:, :2], np.linalg.inv(claimed), off[:, :2])
     assert 1.4 < normalised.mean() < 2.8
+
+
+def driven_by(filtered: PoseFilter, twist: Array, by: Array, seconds: float) -> None:
+    for _ in range(round(seconds / DT_S)):
+        filtered.advance(filtered.now_s + DT_S, twist, 1e-12 * np.eye(3), by)
+
+
+@pytest.mark.parametrize("sigma", [0.001, 0.005, 0.01])
+@pytest.mark.parametrize("speed", [0.1, 0.5, 1.0])
+@pytest.mark.parametrize("share", [0.0, 0.04, 0.1])
+def test_a_frozen_picture_is_accepted_only_while_noise_explains_it(
+    share: float, speed: float, sigma: float
+) -> None:
+    """After a way d > sqrt(21.1 (2 s^2 + (e^2 + 0.1^2) d^2)) for noise s and a speed error e.
+
+    In all these cases the robot moves by d within a second, which the filter remembers. The large
+    error of the camera mounting does not matter.
+    """
+    twist, covariance = np.array([speed, 0.0, 0.0]), np.diag([sigma**2, sigma**2, 4e-4])
+    mounting = np.array([[0.0, 0.1], [0.0, 0.1], [0.0, 0.0]])
+    by = np.array([[share * speed, 0.0], [0.0, 0.0], [0.0, 0.0]])
+    filtered = PoseFilter(DRIVE, SE2.identity(), bias_jacobian=np.zeros((3, 2)))
+
+    def is_accepted(x_m: float) -> bool:
+        pose = SE2(np.array([x_m, 0.0, 0.0]))
+        now_s = filtered.now_s
+        if filtered.mahalanobis_sq(pose, covariance, now_s, mounting) > GATE:
+            return False
+        return filtered.fuse_pose(pose, covariance, now_s, mounting)
+
+    for i in range(25):
+        driven_by(filtered, twist, by, 0.04)
+        assert is_accepted(0.04 * speed * (i + 1))
+    explained_m = sigma * np.sqrt(2.0 / (1.0 / GATE - share**2 - 0.01))
+    accepted = []
+    for _ in range(100):
+        driven_by(filtered, twist, by, 0.04)
+        accepted.append(is_accepted(speed))
+    assert sum(accepted) * 0.04 * speed <= explained_m
+
+
+@pytest.mark.parametrize("share", [0.01, 0.1])
+@pytest.mark.parametrize("twist", [(0.0, 0.0, 0.0), (0.7, -0.5, 1.5)])
+def test_one_of_10_000_correct_poses_is_rejected(
+    twist: tuple[float, float, float], share: float
+) -> None:
+    """Of 60,000 poses, 6 are expected to be rejected; 17 occur once in 5,000 such tests."""
+    random, runs = np.random.default_rng(7), 2000
+    sigma, mean = np.array([0.005, 0.005, 0.02]), np.array(twist)
+    by = np.concatenate([np.diag(share * mean), np.zeros((3, 3))], axis=1)
+    mounting = np.concatenate([np.zeros((3, 3)), np.diag([0.01, 0.01, 0.01])], axis=1)
+    biases = random.standard_normal((runs, 6))
+    truth = SE2.identity((runs,))
+    filtered = PoseFilter(DRIVE, truth, bias_jacobian=np.zeros((runs, 3, 6)))
+    rejected = 0
+    for i in range(120):
+        noise = np.sqrt(np.diag(GROWTH) / DT_S) * random.standard_normal((runs, 3))
+        truth = DRIVE.integrate(truth, mean + biases @ by.T + noise, DT_S)
+        filtered.advance((i + 1) * DT_S, np.tile(mean, (runs, 1)), GROWTH, by)
+        if i % 4 == 3:
+            off = biases @ mounting.T + sigma * random.standard_normal((runs, 3))
+            seen = SE2(truth.xy_heading + off)
+            covariance = np.diag(np.square(sigma))
+            distances = filtered.mahalanobis_sq(seen, covariance, filtered.now_s, mounting)
+            rejected += int(np.count_nonzero(distances > GATE))
+            filtered.fuse_pose(seen, covariance, filtered.now_s, mounting)
+    assert rejected < 17

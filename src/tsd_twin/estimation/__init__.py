@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from tsd_twin.estimation.bias_filter import BiasFilter
 from tsd_twin.estimation.consistency import ConsistencyMonitor, ConsistencyResult
+from tsd_twin.estimation.drift_filter import DriftFilter
 from tsd_twin.estimation.odometry_kinds import (
     AGE_SHARE,
     GyroOdometry,
@@ -17,7 +18,7 @@ from tsd_twin.estimation.odometry_kinds import (
     with_gyro,
 )
 from tsd_twin.estimation.outage import OUTAGE_S, CoastStep, MeasurementOutage
-from tsd_twin.estimation.pose_filter import DriftFilter, PoseFilter
+from tsd_twin.estimation.pose_filter import PoseFilter
 from tsd_twin.estimation.pose_fusion import FusedEstimate, FusionResult
 from tsd_twin.estimation.pose_uncertainty import (
     REGION_SHARE,

@@ -1,16 +1,13 @@
-"""Kalman filters for the pose: integrate twists, apply late measurements at their stamps.
+"""Kalman filter for the pose: integrates twists, and applies late measurements at their stamps.
 
-`PoseFilter` fuses poses and headings, and considers biases (Schmidt-Kalman). `DriftFilter` also
-estimates biases of the twist.
+It fuses poses and headings, and considers biases (Schmidt-Kalman).
 """
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
-from collections import deque
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 
@@ -200,23 +197,25 @@ class PoseFilter:
     ) -> Array:
         """Return the squared Mahalanobis distance (...) of measured poses from the prediction.
 
-        It is the smaller of two distances, by the filter's covariance and by the covariance assumed
-        for the gains, so its distribution is at most chi-square with three degrees of freedom. The
-        filter is not changed. `measured_s` must be within the memory; `bias_jacobian` as in
-        `fuse_pose`.
+        The distance from the estimate is the smaller of two, by the filter's covariance and by the
+        covariance assumed for the gains, so its distribution is at most chi-square with three
+        degrees of freedom. If the change since an earlier measured pose contradicts the twists
+        more, its distance is returned. The filter is not changed. `measured_s` must be within the
+        memory; `bias_jacobian` as in `fuse_pose`.
         """
         index = self._index(min(measured_s, self.now_s))
-        step = self._steps[index]
-        if step.end_s < measured_s and index + 1 < len(self._steps):
-            later = self._steps[index + 1]
-            step = self._part(step, measured_s, later)
-            _carry(self._steps[index], [step])
-        off = exponential_error(SE2(step.pose), pose)
-        by = step.bias_jacobian if bias_jacobian is None else step.bias_jacobian + bias_jacobian
+        steps = self._steps[: index + 1]
+        if steps[-1].end_s < measured_s and index + 1 < len(self._steps):
+            steps.append(self._part(steps[-1], measured_s, self._steps[index + 1]))
+            _carry(steps[-2], steps[-1:])
+        step = steps[-1]
+        by_biases = self._none if bias_jacobian is None else bias_jacobian
+        by = step.bias_jacobian + by_biases
         claimed = step.noise_cov + by @ _transposed(by)
-        expected = np.stack([claimed, step.cautious]) + covariance
-        weighed = np.asarray(np.linalg.solve(expected, off[None, ..., None]), dtype=float)
-        return (off * weighed[..., 0]).sum(axis=-1).min(axis=0)
+        off = exponential_error(SE2(step.pose), pose)
+        distance_sq = _distance_sq(off, np.stack([claimed, step.cautious]) + covariance)
+        now = _Measurement(_POSE, pose.xy_heading, covariance, by_biases)
+        return np.maximum(distance_sq.min(axis=0), _change_sq(steps, now))
 
     def _index(self, at_s: float) -> int:
         """Return the index of the last step that ends at or before `at_s`."""
@@ -274,6 +273,60 @@ _PERSIST_S = 1.0
 """Time over which the gains treat a twist error as constant."""
 _TWIST_MARGIN = 0.01
 """Relative twist error assumed by the gains, in addition to the described errors."""
+_SLIP = 0.1
+"""Relative error of a displacement assumed by the gate, in addition to the described errors."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Reckoning:
+    """Motion and errors of the twists over steps, each from the same start to the step's end."""
+
+    dt_s: Array
+    off: Array
+    """(n, ..., 3): displacement, axes of the world."""
+    carry: Array
+    """(n, ..., 3, 3): effect of an error of the start on the end."""
+    shift: Array
+    """(n, ..., 3, 3): error of the start that has the effect of an error of the step's twist."""
+    twist_by: Array
+    """(n, ..., 3, m): Jacobian of each step's twist w.r.t. the biases, as an error of the start."""
+    grown: Array
+    """(n, ..., 3, 3): covariance of the noise, as an error of the start."""
+
+    @property
+    def by_biases(self) -> Array:
+        """(n, ..., 3, m): Jacobian of the displacement, as an error of the start."""
+        return (self.dt_s * self.twist_by).cumsum(axis=0)
+
+
+def _reckon(start_s: float, heading: Array, steps: Sequence[_FilterStep]) -> _Reckoning:
+    """Integrate the twists of `steps` from a `heading` (...) at `start_s`."""
+    moved = np.stack([step.moved for step in steps])
+    growth = np.stack([step.growth_per_s for step in steps])
+    heading = heading + moved[..., 2].cumsum(axis=0)
+    begin = heading - moved[..., 2]
+    c, s = np.cos(begin), np.sin(begin)
+    x_m, y_m, turned = moved[..., 0], moved[..., 1], moved[..., 2]
+    off = np.stack([c * x_m - s * y_m, s * x_m + c * y_m, turned], axis=-1).cumsum(axis=0)
+    # Rotate the noise of each twist into the mid-step frame, then into the first start frame.
+    middle = heading - 0.5 * turned
+    turn = np.zeros_like(growth) + _POSE
+    turn[..., 0, 0] = turn[..., 1, 1] = np.cos(middle)
+    turn[..., 1, 0] = np.sin(middle)
+    turn[..., 0, 1] = -turn[..., 1, 0]
+    shift = _lever(-off) @ turn
+    ends_s = np.array([start_s, *(step.end_s for step in steps)])
+    dt_s = np.diff(ends_s).reshape(-1, *(1,) * (growth.ndim - 1))
+    grown = (dt_s * (shift @ growth @ _transposed(shift))).cumsum(axis=0)
+    twist_by = shift @ np.stack([step.twist_bias_jacobian for step in steps])
+    return _Reckoning(dt_s, off, _lever(off), shift, twist_by, grown)
+
+
+def _lever(off: Array) -> Array:
+    """Return the effect (..., 3, 3) of a pose error after a displacement `off` (..., 3)."""
+    lever = np.zeros((*off.shape, 3)) + _POSE
+    lever[..., 0, 2], lever[..., 1, 2] = -off[..., 1], off[..., 0]
+    return lever
 
 
 def _carry(before: _FilterStep, steps: Sequence[_FilterStep]) -> None:
@@ -281,33 +334,14 @@ def _carry(before: _FilterStep, steps: Sequence[_FilterStep]) -> None:
 
     Batched, because up to a second of steps follows a late measurement.
     """
-    moved = np.stack([step.moved for step in steps])
-    growth = np.stack([step.growth_per_s for step in steps])
-    heading = before.pose[..., 2] + moved[..., 2].cumsum(axis=0)
-    begin = heading - moved[..., 2]
-    c, s = np.cos(begin), np.sin(begin)
-    pose = np.stack([moved[..., 0], moved[..., 1], heading], axis=-1)
-    pose[..., 0] = before.pose[..., 0] + (c * moved[..., 0] - s * moved[..., 1]).cumsum(axis=0)
-    pose[..., 1] = before.pose[..., 1] + (s * moved[..., 0] + c * moved[..., 1]).cumsum(axis=0)
-    # Rotate the noise of each twist into the mid-step frame, then into the first start frame.
-    middle = heading - 0.5 * moved[..., 2]
-    turn = np.zeros_like(growth) + _POSE
-    turn[..., 0, 0] = turn[..., 1, 1] = np.cos(middle)
-    turn[..., 1, 0] = np.sin(middle)
-    turn[..., 0, 1] = -turn[..., 1, 0]
-    off = pose - before.pose
-    back = np.zeros_like(growth) + _POSE
-    back[..., 0, 2], back[..., 1, 2] = off[..., 1], -off[..., 0]
-    shift = back @ turn
-    ends_s = np.array([before.end_s, *(step.end_s for step in steps)])
-    dt_s = np.diff(ends_s).reshape(-1, *(1,) * (growth.ndim - 1))
-    grown = (dt_s * (shift @ growth @ _transposed(shift))).cumsum(axis=0)
-    carry = 2.0 * _POSE - back
+    reckoned = _reckon(before.end_s, before.pose[..., 2], steps)
+    pose = before.pose + reckoned.off
+    carry, grown = reckoned.carry, reckoned.grown
     noise_cov = carry @ (before.noise_cov + grown) @ _transposed(carry)
     bias_jacobian, cautious = [before.bias_jacobian] * len(steps), noise_cov
     if before.bias_jacobian.shape[-1]:
-        twist_by = shift @ np.stack([step.twist_bias_jacobian for step in steps])
-        bias_jacobian = carry @ (before.bias_jacobian + (dt_s * twist_by).cumsum(axis=0))
+        bias_jacobian = carry @ (before.bias_jacobian + reckoned.by_biases)
+        shift, twist_by, dt_s = reckoned.shift, reckoned.twist_by, reckoned.dt_s
         twist = np.stack([step.twist for step in steps])
         square = np.square(_TWIST_MARGIN * twist)
         square[..., :2] = square[..., :1] + square[..., 1:2]
@@ -319,6 +353,40 @@ def _carry(before: _FilterStep, steps: Sequence[_FilterStep]) -> None:
     for i, step in enumerate(steps):
         step.pose, step.bias_jacobian = pose[i], bias_jacobian[i]
         step.noise_cov, step.cautious = noise_cov[i], cautious[i]
+
+
+def _change_sq(steps: Sequence[_FilterStep], now: _Measurement) -> Array:
+    """Return the squared Mahalanobis distance (...) of the change since an earlier measured pose.
+
+    `now` is measured at the end of `steps`. The change is compared with the twists, whose errors
+    are constant, since the latest pose whose repetition would be rejected; 0 if there is none.
+    Earlier poses have the same covariance and biases, because they come from the same sensor.
+    """
+    poses = [(i, each) for i, step in enumerate(steps[:-1]) for each in step.measured]
+    poses = [(i, each.value) for i, each in poses if each.rows is _POSE]
+    if not poses:
+        return np.zeros(now.value.shape[:-1])
+    places, seen = [i for i, _ in poses], np.stack([value for _, value in poses])
+    start = steps[0].pose
+    way = _reckon(steps[0].end_s, start[..., 2], steps[1:])
+
+    def since(values: Array) -> Array:
+        return values[-1] - np.concatenate([np.zeros_like(values[:1]), values])[places]
+
+    end, off = SE2(start + way.off[-1]), since(way.off)
+    expected = SE2(seen) @ (SE2(end.xy_heading - off).inverse() @ end)
+    still, changed = (exponential_error(expected, SE2(each)) for each in (seen, now.value))
+    carry, carry_start = _lever(off), way.carry[-1]
+    by = (_POSE - carry) @ now.bias_jacobian + carry_start @ since(way.by_biases)
+    slipped = np.square(_SLIP * still)
+    slipped[..., :2] = slipped[..., :1] + slipped[..., 1:2]
+    covariance = carry @ now.covariance @ _transposed(carry) + now.covariance
+    covariance = covariance + by @ _transposed(by) + slipped[..., None] * _POSE
+    covariance += carry_start @ since(way.grown) @ _transposed(carry_start)
+    is_rejected = _distance_sq(still, covariance) > GATE
+    latest = len(poses) - 1 - np.argmax(is_rejected[::-1], axis=0)
+    distance_sq = np.where(is_rejected, _distance_sq(changed, covariance), 0.0)
+    return np.take_along_axis(distance_sq, latest[None], axis=0)[0]
 
 
 def _correct(step: _FilterStep, measurement: _Measurement) -> None:
@@ -345,120 +413,11 @@ def _correct(step: _FilterStep, measurement: _Measurement) -> None:
     step.cautious = keep @ step.cautious @ _transposed(keep) + noise
 
 
+def _distance_sq(off: Array, covariance: Array) -> Array:
+    """Return the squared Mahalanobis distance of `off` (..., 3), for covariances (..., 3, 3)."""
+    weighed = np.asarray(np.linalg.solve(covariance, off[..., None]), dtype=float)
+    return np.asarray((off * weighed[..., 0]).sum(axis=-1))
+
+
 def _transposed(matrices: Array) -> Array:
     return np.swapaxes(matrices, -1, -2)
-
-
-class _TwistRecord(NamedTuple):
-    """State of the odometry at the end of a step."""
-
-    end_s: float
-    reckoned: Array
-    """(3,): pose integrated from the twists alone; headings are not wrapped."""
-    shift: Array
-    """(3, m): Jacobian of that pose with respect to the errors."""
-    walk: Array
-    """(3, 3): covariance of the random walk up to this time."""
-
-    def towards(self, later: _TwistRecord, share: float) -> _TwistRecord:
-        """Interpolate linearly towards a later record."""
-        return _TwistRecord(
-            self.end_s + share * (later.end_s - self.end_s),
-            self.reckoned + share * (later.reckoned - self.reckoned),
-            self.shift + share * (later.shift - self.shift),
-            self.walk + share * (later.walk - self.walk),
-        )
-
-
-class DriftFilter:
-    """Kalman filter for the pose at the time of the latest twist, and for twist biases.
-
-    The integrated pose deviates by a random walk and, linearly, by the integrated twist errors.
-    Neither changes in expectation, so the filter state is kept at the time of the latest measured
-    pose, however late it arrives, and no step is recomputed.
-    """
-
-    def __init__(
-        self, pose: SE2, sigma: Array, *, now_s: float = 0.0, memory_s: float = 1.0
-    ) -> None:
-        """`sigma` (m,) are standard deviations of the errors; the start pose is exact."""
-        errors = len(sigma)
-        self._state: Array = np.zeros(3 + errors)
-        self._covariance: Array = np.diag(np.square(np.concatenate([np.zeros(3), sigma])))
-        self._memory_s = memory_s
-        start = np.array(pose.xy_heading, dtype=float)
-        self._seen = _TwistRecord(now_s, start, np.zeros((3, errors)), np.zeros((3, 3)))
-        self._past = deque([self._seen])
-
-    @property
-    def pose(self) -> SE2:
-        """Estimated pose."""
-        newest = self._past[-1]
-        return SE2(newest.reckoned + self._off(newest.shift))
-
-    @property
-    def errors(self) -> Array:
-        """(m,): estimated errors of the twist."""
-        return self._state[3:]
-
-    @property
-    def error_covariance(self) -> Array:
-        """(m, m): covariance of `errors`."""
-        return self._covariance[3:, 3:]
-
-    def advance(self, now_s: float, twist: Array, by_errors: Array, growth_per_s: Array) -> None:
-        """Predict to `now_s` with the mean `twist` (3,) since the last time.
-
-        The true twist is `twist + by_errors @ errors`, with `by_errors` (3, m), plus noise that
-        adds `growth_per_s` (3, 3) to the pose covariance per second; all in the body frame.
-        """
-        last = self._past[-1]
-        dt_s = now_s - last.end_s
-        if not dt_s > 0.0:
-            return
-        moved = (SE2(last.reckoned) @ SE2.exp(dt_s * twist)).xy_heading
-        reckoned = np.array([moved[0], moved[1], last.reckoned[2] + dt_s * twist[2]])
-        way = reckoned - last.reckoned
-        middle = last.reckoned[2] + 0.5 * way[2]
-        c, s = np.cos(middle), np.sin(middle)
-        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        step = dt_s * turn @ by_errors
-        # A heading error rotates the whole displacement.
-        step[:2] += np.outer([-way[1], way[0]], last.shift[2] + 0.5 * step[2])
-        walk = last.walk + dt_s * turn @ growth_per_s @ turn.T
-        self._past.append(_TwistRecord(now_s, reckoned, last.shift + step, walk))
-        while len(self._past) > 2 and self._past[1].end_s <= now_s - self._memory_s:
-            self._past.popleft()
-
-    def fuse_pose(self, pose: SE2, covariance: Array, measured_s: float) -> bool:
-        """Fuse a measured pose with a covariance (3, 3), in the order of measurement.
-
-        Return False if it is older than the memory or the last pose, or not finite.
-        """
-        at_s = min(measured_s, self._past[-1].end_s)
-        oldest_s = max(self._seen.end_s, self._past[0].end_s)
-        if not (np.isfinite(pose.xy_heading).all() and at_s >= oldest_s):
-            return False
-        then = self._at(at_s)
-        self._covariance[:3, :3] += then.walk - self._seen.walk
-        self._seen, shift = then, then.shift
-        rows = np.hstack([np.eye(3), shift])
-        off = pose.xy_heading - then.reckoned - self._off(shift)
-        off[2] = wrap(off[2])
-        innovation = rows @ self._covariance @ rows.T + covariance
-        gain = np.linalg.solve(innovation, rows @ self._covariance).T
-        keep = np.eye(len(self._state)) - gain @ rows
-        self._state = self._state + gain @ off
-        self._covariance = keep @ self._covariance @ keep.T + gain @ covariance @ gain.T
-        return True
-
-    def _off(self, shift: Array) -> Array:
-        return self._state[:3] + shift @ self._state[3:]
-
-    def _at(self, at_s: float) -> _TwistRecord:
-        after = bisect_left(self._past, at_s, key=lambda past: past.end_s)
-        later = self._past[after]
-        if after == 0:
-            return later
-        earlier = self._past[after - 1]
-        return earlier.towards(later, (at_s - earlier.end_s) / (later.end_s - earlier.end_s))
