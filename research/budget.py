@@ -227,6 +227,12 @@ def _draw_battery(
     return replace(none, speed_scale_error=none.speed_scale_error + share)
 
 
+def _draw_motor(robot: SingularityDescription, random: np.random.Generator, runs: int) -> ErrorSet:
+    none = _no_errors(robot, runs)
+    share = robot.errors.motor_share * random.standard_normal((runs, 1))
+    return replace(none, speed_scale_error=none.speed_scale_error + share)
+
+
 def _draw_layers(robot: SingularityDescription, random: np.random.Generator, runs: int) -> ErrorSet:
     none = _no_errors(robot, runs)
     phase = random.uniform(0.0, 2.0 * np.pi, none.speed_scale_error.shape)
@@ -292,6 +298,7 @@ ERROR_SOURCES = (
         "[floor]: friction 0.8 (assumed)",
         _same_for_all(lambda _: {"slip": 1.0}),
     ),
+    ErrorSource("motor table", "[errors]: 4 %, all wheels alike (Table 1)", _draw_motor),
 )
 
 
@@ -317,7 +324,10 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     }
     jobs = [(name, at) for name in cases for at in range(0, runs[name], BATCH)]
     random = np.random.default_rng(args.seed)
-    errors = {name: drawn_errors(robot, random, used, runs[name]) for name, used in cases.items()}
+    errors = {
+        name: drawn_errors(variants.get(name, robot), random, used, runs[name])
+        for name, used in cases.items()
+    }
     trajectory = unlimited_trajectory(Route(tracking.named_path("square")))
     found: dict[str, list[OpenLoopErrors]] = {name: [] for name in cases}
     for name, at in out.progress(jobs, "driving squares", len(jobs)):
@@ -368,6 +378,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 
 def _variants(robot: SingularityDescription) -> dict[str, SingularityDescription]:
     """Return robots for unknown values: floor friction, wheel speed."""
+    measured = with_exact_motor_table(robot)
     made: dict[str, SingularityDescription] = {}
     for friction in (0.5, 0.35, 0.2):
         floor = msgspec.structs.replace(robot.floor, friction=friction)
@@ -375,8 +386,14 @@ def _variants(robot: SingularityDescription) -> dict[str, SingularityDescription
     for share in (1.5, 2.0):
         rpm = share * robot.drive.cruise_speed_rpm
         drive = msgspec.structs.replace(robot.drive, cruise_speed_rpm=rpm)
-        made[f"all, {rpm:,.0f} rpm"] = msgspec.structs.replace(robot, drive=drive)
+        made[f"all, {rpm:,.0f} rpm"] = msgspec.structs.replace(measured, drive=drive)
     return made
+
+
+def with_exact_motor_table(robot: SingularityDescription) -> SingularityDescription:
+    """Return the robot at other wheel speeds, where its motor table has rows."""
+    errors = msgspec.structs.replace(robot.errors, motor_share=0.0)
+    return msgspec.structs.replace(robot, errors=errors)
 
 
 def drawn_errors(

@@ -17,6 +17,7 @@ from research.budget import (
     drawn_errors,
     drive_open_loop,
     spin_error_of_line,
+    with_exact_motor_table,
 )
 from tsd_twin import robots
 from tsd_twin.cli import experiment, flags
@@ -51,10 +52,10 @@ HYPOTHESES = (
 
 
 def robot_at(speed_rpm: float, friction: float = 0.8) -> SingularityDescription:
-    """Return the robot of the thesis at a wheel speed, on a floor."""
+    """Return the robot of the thesis at a wheel speed, on a floor; Table 1 is taken to be right."""
     robot = description_of_kind(robots.load_robot(THESIS_ROBOT), SingularityDescription)
     return msgspec.structs.replace(
-        robot,
+        with_exact_motor_table(robot),
         drive=msgspec.structs.replace(robot.drive, cruise_speed_rpm=speed_rpm),
         floor=msgspec.structs.replace(robot.floor, friction=friction),
     )

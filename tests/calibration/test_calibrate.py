@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from pathlib import Path
 from typing import NamedTuple
 
@@ -110,7 +111,11 @@ def test_what_is_written_is_what_was_found_and_comments_stay(machine: Calibrated
     changed = set(text.splitlines()) - set(TEXT.splitlines())
     assert {line.split(" = ")[0] for line in changed} == {
         "pivot_radius_m", "wheel_radius_m", "[calibration]", "tilt_offset_deg", "spin_scale",
+        "motor_share",
     }  # fmt: skip
+    sigma = [rows[name]["sigma"] / rows[name]["found"] for name in ("wheel_radius", "module1_spin")]
+    assert robot.errors.motor_share == pytest.approx(math.hypot(*sigma), rel=0.05)
+    assert robot.errors.motor_share < 0.01
 
 
 def test_at_one_speed_three_directions_of_six_zeros_are_not_told(tmp_path: Path) -> None:

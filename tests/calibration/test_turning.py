@@ -109,7 +109,10 @@ def test_robot_on_the_bus_turns_and_its_wheel_speed_is_written(tmp_path: Path) -
     assert is_picture(tmp_path / "turn.png")
     assert len(table(tmp_path / "turn.csv")["share"]) == 2
     written = robots.parse_description(mine.read_text(), "mine")
-    scale = description_of_kind(written, SingularityDescription).calibration.spin_scale
+    calibrated = description_of_kind(written, SingularityDescription)
+    assert f"[errors] motor_share = {calibrated.errors.motor_share}" in lines
+    assert 0.004 <= calibrated.errors.motor_share < 0.02
+    scale = calibrated.calibration.spin_scale
     assert scale == pytest.approx([11.4 / 12.0] * 3, abs=0.02)
 
 

@@ -2,14 +2,14 @@
 
 import pytest
 
-from tests.support.controller_harness import ROBOT, ControllerHarness
+from tests.support.controller_harness import ROBOT, ControllerHarness, with_exact_setpoints
 from tsd_twin.simulation import SimRobot
 
 
 @pytest.fixture
 def rig() -> ControllerHarness:
-    """A robot whose joints reach their setpoints at once."""
-    return ControllerHarness()
+    """A robot whose joints reach their setpoints at once, and have no steps."""
+    return ControllerHarness(robot=with_exact_setpoints(ROBOT))
 
 
 @pytest.fixture

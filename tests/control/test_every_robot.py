@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from tests.support.controller_harness import ControllerHarness
+from tests.support.controller_harness import ControllerHarness, with_exact_setpoints
 from tsd_twin import robots
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.codes import Code, because
@@ -56,7 +56,7 @@ def test_it_is_driven_as_asked_and_knows_where_it_is(name: str) -> None:
 
 @every_robot
 def test_perfect_joints_move_it_by_the_twist(name: str) -> None:
-    rig = ControllerHarness(robot=robots.load_robot(name))
+    rig = ControllerHarness(robot=with_exact_setpoints(robots.load_robot(name)))
     drive = rig.controller.kinematics
     pilot = rig.get_ready()
     rig.drive(pilot, GENTLE, 1.0)

@@ -16,6 +16,10 @@ from tsd_twin.simulation import SimRobot
 TSD = description_of_kind(ROBOT, SingularityDescription)
 ROLLING = msgspec.structs.replace(TSD, floor=msgspec.structs.replace(TSD.floor, friction=0.0))
 """Floor without slip and drag, like the kinematic plant."""
+CALIBRATED = msgspec.structs.replace(
+    ROLLING, errors=msgspec.structs.replace(ROLLING.errors, motor_share=0.0)
+)
+"""Also an exact motor table, whose error no voltage explains."""
 
 
 def reported(volts: float) -> float:
@@ -23,11 +27,16 @@ def reported(volts: float) -> float:
 
 
 def driven(
-    seed: int, *, reports: bool, errors: float = 1.0, battery_v: float | None = None
+    seed: int,
+    *,
+    reports: bool,
+    errors: float = 1.0,
+    battery_v: float | None = None,
+    robot: SingularityDescription = ROLLING,
 ) -> ControllerHarness:
     """Return a robot after 3 s of forward driving with a slow turn, at its true battery voltage."""
-    simulated = SimRobot(ROLLING, seed, errors, errors=errors, battery_v=battery_v)
-    rig = ControllerHarness(simulated, robot=ROLLING)
+    simulated = SimRobot(robot, seed, errors, errors=errors, battery_v=battery_v)
+    rig = ControllerHarness(simulated, robot=robot)
     true_v = simulated.hardware()["battery_v"]
     assert isinstance(true_v, float)
     rig.battery_v = reported(true_v) if reports else None
@@ -64,12 +73,20 @@ def test_covariance_matches_the_error_with_and_without_reports(reports: bool) ->
     assert 1.5 < np.mean(found) < 6.0
 
 
+def deviation(robot: SingularityDescription, *, reports: bool) -> float:
+    odometry = driven(1, reports=reports, robot=robot).controller.odometry(0)
+    return math.sqrt(np.trace(odometry.pose_covariance[:2, :2]))
+
+
 def test_reports_make_the_covariance_smaller() -> None:
-    deviations = [
-        math.sqrt(np.trace(driven(1, reports=each).controller.odometry(0).pose_covariance[:2, :2]))
-        for each in (False, True)
-    ]
-    assert deviations[1] < 0.8 * deviations[0]
+    alone, reported = (deviation(CALIBRATED, reports=each) for each in (False, True))
+    assert reported < 0.8 * alone
+
+
+def test_motor_table_error_remains_with_reports() -> None:
+    """It is 4 % of the distance, at 0.54 m/s for 3 s."""
+    exact, assumed = (deviation(each, reports=True) for each in (CALIBRATED, ROLLING))
+    assert math.sqrt(assumed**2 - exact**2) == pytest.approx(0.04 * 0.54 * 3.0, rel=0.2)
 
 
 @pytest.mark.parametrize("battery_v", [0.0, math.nan, 60.0, -12.0])

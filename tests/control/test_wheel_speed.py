@@ -7,7 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.support.controller_harness import ROBOT, ControllerHarness, HarnessOperator
+from tests.support.controller_harness import (
+    ROBOT,
+    ControllerHarness,
+    HarnessOperator,
+    with_exact_setpoints,
+)
 from tsd_twin import robots
 from tsd_twin.control.wheel_spin import WheelSpeedController
 from tsd_twin.lie import Array
@@ -73,7 +78,8 @@ def test_the_motion_stays_what_it_was_while_the_wheels_change_speed(
 
 @pytest.mark.parametrize("rpm", [LEAST, 4000.0, MOST])
 def test_the_wheels_come_to_the_speed_that_was_chosen_and_show_it(rpm: float) -> None:
-    rig = ControllerHarness(SimRobot(ROBOT))
+    robot = with_exact_setpoints(ROBOT)
+    rig = ControllerHarness(SimRobot(robot), robot=robot)
     pilot = rig.get_ready()
     wheel_speed = rig.status().wheel_speed
     assert wheel_speed is not None
@@ -133,7 +139,7 @@ def test_wheels_that_slow_down_faster_than_it_may_do_not_bend_its_way(
     ):
         assert f"\n{key} = {was}" in text
         text = text.replace(f"\n{key} = {was}", f"\n{key} = {now}", 1)
-    robot = robots.parse_description(text, "fast")
+    robot = with_exact_setpoints(robots.parse_description(text, "fast"))
     rig = ControllerHarness(robot=robot)
     pilot = rig.get_ready()
     choose(rig, pilot, 13000.0)

@@ -80,7 +80,8 @@ class SingularityPlant:
         self.zero = np.radians(errors * made.zero_deg) * random.standard_normal((*shape, 2))
         self.angle_noise = np.radians(noise * robot.noise.gimbal_angle_deg)
         own = noise * robot.noise.speed_scale_sigma * random.standard_normal(shape)
-        self.spin_share = volts * (1.0 + own) * (1.0 + undeclared.spin_share)
+        curve = errors * made.motor_share * random.standard_normal((robots, 1))
+        self.spin_share = volts * (1.0 + own) * (1.0 + curve) * (1.0 + undeclared.spin_share)
         self.curves = np.array(motor.speed_rpm) * _RPM
         self.signals = np.array(motor.signal, dtype=float)
         self.starts = motor.start_speed_rpm * _RPM * (1.0 - 1e-9)

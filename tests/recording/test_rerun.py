@@ -417,7 +417,8 @@ def test_resimulation_follows_changed_limits() -> None:
     assert ends[0] == pytest.approx(0.85, abs=0.1)
     assert ends[1] == pytest.approx(0.5 * ends[0], rel=0.1)
     follows_not = WhatIf(stretch, run.text, robots.parse_description(slow, "other")).run()
-    assert follows_not.odometry[-1][0] == pytest.approx(ends[0], abs=0.1)
+    # Recorded joints do not follow its setpoints, so it trips; recorded poses still move it.
+    assert follows_not.estimates[-1][0] == pytest.approx(ends[0], abs=0.1)
 
 
 def test_largest_setpoint_difference_has_joint_and_time() -> None:

@@ -198,6 +198,16 @@ def test_a_battery_that_is_off_makes_all_wheels_alike_faster_or_slower() -> None
     )
 
 
+def test_motor_table_that_is_off_makes_all_wheels_alike_faster_or_slower() -> None:
+    """Unlike with a battery that is off, the hardware reports no cause."""
+    robot = spun_up(only(motor_share=0.04), batch=(2000,))
+    spins = robot.joints[:, 2::3] / CRUISE[2] - 1.0
+    np.testing.assert_allclose(spins, spins[:, :1] + np.zeros(3), atol=1e-9)
+    assert spins[:, 0].std() == pytest.approx(0.04, rel=0.05)
+    one = spun_up(only(motor_share=0.04))
+    assert one.hardware_status()["battery_v"] == 12.0
+
+
 def test_layers_change_the_way_by_at_most_half_of_one() -> None:
     layer_m = 0.0002
     ways = []

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from tsd_twin import robots
@@ -24,11 +25,19 @@ from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.services import LeaseReply
 from tsd_twin.messages.status import LoopStatus, RobotStatus
 from tsd_twin.messages.topics import Sample, Service, twist_key
-from tsd_twin.robots import RobotDescription
+from tsd_twin.robots import RobotDescription, SingularityDescription
 from tsd_twin.simulation import SimRobot
 
 PERIOD_S = 0.01
 ROBOT = robots.load_robot("tsd")
+
+
+def with_exact_setpoints(robot: RobotDescription) -> RobotDescription:
+    """Return a robot whose setpoints are those of inverse kinematics, not rounded to steps."""
+    if not isinstance(robot, SingularityDescription):
+        return robot
+    servo = msgspec.structs.replace(robot.servo, joint_rounding=False)
+    return msgspec.structs.replace(robot, servo=servo)
 
 
 @dataclass(slots=True)

@@ -47,11 +47,12 @@ def random_robot(
         1.0 + SPIN_SIGMA_SHARE * random.standard_normal(modules)
     )
     radii = 1.0 + RADIUS_SIGMA_SHARE * random.standard_normal(2)
+    scale = scale * (1.0 + believed.errors.motor_share * random.standard_normal())
     return with_calibration(
         msgspec.structs.replace(
             believed,
             noise=msgspec.structs.replace(believed.noise, speed_scale_sigma=0.0),
-            errors=msgspec.structs.replace(believed.errors, zero_deg=0.0),
+            errors=msgspec.structs.replace(believed.errors, zero_deg=0.0, motor_share=0.0),
         ),
         offset,
         scale,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -126,7 +127,10 @@ def _parameters(robot: SingularityDescription) -> Array:
 def description_changes(
     rows: list[ParameterRow], robot: SingularityDescription
 ) -> dict[str, dict[str, Any]]:
-    """Return the description keys with the fitted values."""
+    """Return the description keys with the fitted values.
+
+    The error of radius times wheel speed replaces that of the motor table.
+    """
     values = {row.name: round(row.found, _WRITTEN_DIGITS[row.unit]) for row in rows}
     by_unit = {
         unit: [values[row.name] for row in rows if row.unit == unit] for unit in _WRITTEN_DIGITS
@@ -145,7 +149,15 @@ def description_changes(
             "tilt_offset_deg": [angles[i : i + 2] for i in range(0, len(angles), 2)],
             "spin_scale": by_unit["1"],
         },
+        "errors": {"motor_share": round(_speed_sigma(rows), _WRITTEN_DIGITS["1"])},
     }
+
+
+def _speed_sigma(rows: list[ParameterRow]) -> float:
+    """Return the relative standard deviation of wheel radius times the speed of any wheel."""
+    share = {row.name: row.sigma / row.found for row in rows if row.unit != "deg"}
+    spins = [share[row.name] for row in rows if row.unit == "1"]
+    return math.hypot(share["wheel_radius"], max(spins))
 
 
 def parameter_columns(rows: Sequence[ParameterRow]) -> dict[str, list[Any]]:

@@ -181,9 +181,11 @@ def _write(
 ) -> list[str]:
     old = robot.calibration.spin_scale or [1.0] * robot.drive.modules
     scale = [round(found.share * each, 5) for each in old]
-    lines = [f"[calibration] spin_scale = {scale}"]
+    sigma = round(found.sigma, 5)
+    lines = [f"[calibration] spin_scale = {scale}", f"[errors] motor_share = {sigma}"]
     if args.write_to:
-        write_description(args.write_to, text, {"calibration": {"spin_scale": scale}})
+        changes = {"calibration": {"spin_scale": scale}, "errors": {"motor_share": sigma}}
+        write_description(args.write_to, text, changes)
         lines.append(f"written into {args.write_to}: start the robot with it")
     return lines
 

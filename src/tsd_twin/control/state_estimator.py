@@ -91,6 +91,7 @@ class StateEstimator:
         self._needed = np.flatnonzero(self.is_angle | robot.measures_spin)
         self._spin = WheelSpeedModel(robot.spin_up(), len(self._wheels))
         self._supply = SupplyVoltage(robot.battery.nominal_v)
+        self._motor_share = robot.joint_errors().motor_share
         self._wheel_odom = WheelOdometry(self.kinematics, robot.joint_errors())
         self._aux_odom, prefer_second = sensor_odometry_of(robot)
         self._dead_reckoning = (
@@ -186,7 +187,7 @@ class StateEstimator:
         turning = bool(self._spin.spin_rad_per_s.any())
         if self._supply.is_known and not was_known and not turning:
             for odometry in filter(None, (self._wheel_odom, self._aux_odom)):
-                odometry.set_common_speed_share(self._supply.sigma)
+                odometry.set_common_speed_share(math.hypot(self._supply.sigma, self._motor_share))
 
     def _fuse(self, fused: FusedEstimate, at_s: float) -> None:
         """Fuse the sensor readings, and learn biases from the gyro."""

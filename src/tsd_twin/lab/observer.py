@@ -210,17 +210,16 @@ class PoseObserver:
     ) -> None:
         """`spin_sigma` is the standard deviation of the common factor of the wheel speeds.
 
-        It defaults to the described value of a single wheel divided by the root of their number.
+        It defaults to the described value of the mean of all wheels at a known supply voltage.
         """
         self._gyro, self._camera, self.slip = gyro, camera, slip
         self._delay_s = robot.simulated.delay_s
         self._start_s = robot.now_s
+        errors = robot.controller.robot.joint_errors()
         if spin_sigma is None:
-            wheels = len(robot.controller.kinematics.actuators)
-            spin_sigma = robot.controller.robot.joint_errors().speed_scale_sigma / float(
-                np.sqrt(wheels)
-            )
-        self._noise = JointNoise(robot.controller.kinematics, robot.controller.robot.joint_errors())
+            own = errors.speed_scale_sigma / math.sqrt(len(robot.controller.kinematics.actuators))
+            spin_sigma = math.hypot(own, errors.motor_share)
+        self._noise = JointNoise(robot.controller.kinematics, errors)
         creep = np.sqrt(np.diag(self._twist_noise(robot)))
         if gyro is not None:
             creep[2] = gyro.noise.bias_rad_per_s

@@ -177,6 +177,8 @@ class JointErrors:
     """Bias of a velocity joint, relative to its speed."""
     common_spin_share: float = 0.0
     """Common relative bias of all velocity joints."""
+    motor_share: float = 0.0
+    """Part of `common_spin_share` that remains if the supply voltage is known."""
     zero_rad: float = 0.0
     """Bias of a position joint's zero."""
     floor: FloorErrors = FloorErrors()
@@ -465,5 +467,7 @@ class ModelErrors(BuildErrors, frozen=True, kw_only=True):
     """Delay of setpoints to the actuators, and age of measurements."""
     battery_share: NotNegative = 0.0
     """Standard deviation of the battery voltage, relative to the nominal voltage."""
+    motor_share: NotNegative = 0.0
+    """Standard deviation of the common relative error of all curves of `[motor]`."""
     layer_m: NotNegative = 0.0
     """Height of a printed layer; the wheel radius deviates by up to half of it."""

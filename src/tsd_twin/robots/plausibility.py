@@ -104,6 +104,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "errors.backlash_deg": (0.0, 45.0),
     "errors.delay_s": (0.0, 5.0),
     "errors.battery_share": (0.0, 1.0),
+    "errors.motor_share": (0.0, 1.0),
     "errors.layer_m": (0.0, 0.05),
     "dead_wheels.radius_m": (0.0005, 5.0),
     "dead_wheels.pulses_per_turn": (1.0, 1e9),

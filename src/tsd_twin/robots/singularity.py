@@ -321,8 +321,8 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
 
         The radius of a printed wheel varies sinusoidally with its tilt, which has the same effect
         as a wheel-speed error. Servos with a dead band stop anywhere between two encoder steps, and
-        noisy readings are rounded to either. The battery affects all wheels equally, and so does
-        the floor.
+        noisy readings are rounded to either. The battery affects all wheels equally, and so do a
+        motor table that was measured elsewhere, and the floor.
         """
         noise, errors = self.noise, self.errors
         step_rad = 2.0 * math.pi / self.servo.steps_per_turn
@@ -331,7 +331,8 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
             angle_rad=math.radians(noise.gimbal_angle_deg),
             rounding_rad=step_rad / math.sqrt(12.0) if errors.dead_band_deg > 0.0 else 0.0,
             speed_scale_sigma=math.hypot(noise.speed_scale_sigma, layer_share),
-            common_spin_share=errors.battery_share,
+            common_spin_share=math.hypot(errors.battery_share, errors.motor_share),
+            motor_share=errors.motor_share,
             zero_rad=math.radians(errors.zero_deg),
             floor=self._floor_errors(),
             mount_rad=math.radians(errors.mount_deg),

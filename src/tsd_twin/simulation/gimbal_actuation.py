@@ -91,6 +91,8 @@ class Actuation:
             (*batch, len(self.angles))
         )
         """(..., 2k): true gimbal angle when its servo reports 0."""
+        curve_error = robot.errors.motor_share * built.standard_normal((*batch, 1))
+        self.sound_shares = self.sound_shares * (1.0 + curve_error)
         self.goals: Array = self.zero_rad.copy()
         """(..., 2k): goal angles of the servos."""
         self.speed_goals: Array = np.zeros(shape)
