@@ -10,7 +10,7 @@ import numpy as np
 from playwright.sync_api import Page
 
 from tests.support.browser import centre, get_ready
-from tests.support.withheld import PATIENCE_S, budget
+from tests.support.withheld import budget, wait_for
 from tsd_twin.bus import Bus, Config, client_config
 from tsd_twin.lie import Array
 from tsd_twin.messages import topics
@@ -91,7 +91,7 @@ class Watcher:
     def until(self, condition: Callable[[], bool], what: str) -> None:
         """Wait until the truth is as expected."""
         with self._news:
-            assert self._news.wait_for(condition, PATIENCE_S), f"never: {what}, at {self.truth}"
+            assert wait_for(self._news, condition), f"never: {what}, at {self.truth}"
 
     def holding(self, press: Press, condition: Callable[[], bool], what: str) -> None:
         """Hold a control until the truth is as expected.

@@ -11,7 +11,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from tests.support.browser import PATIENCE_MS, get_ready, mode
 from tests.support.programs import Program
-from tests.support.withheld import PATIENCE_S, budget
+from tests.support.withheld import budget, wait_for
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.messages import topics
 from tsd_twin.messages.status import RobotStatus, WheelSpeedStatus, decode_status
@@ -40,8 +40,8 @@ class Watcher:
     def until(self, condition: Callable[[RobotStatus], bool]) -> RobotStatus:
         """Wait for a matching status and return it."""
         with self._news:
-            assert self._news.wait_for(
-                lambda: self._status is not None and condition(self._status), PATIENCE_S
+            assert wait_for(
+                self._news, lambda: self._status is not None and condition(self._status)
             ), f"never: {self._status}"
             assert self._status is not None
             return self._status

@@ -12,7 +12,7 @@ import numpy as np
 
 from tests.support.robot_node import RunningNode, matched
 from tests.support.virtual_fleet import VirtualNode
-from tests.support.withheld import PATIENCE_S
+from tests.support.withheld import PATIENCE_S, wait_for
 from tsd_twin.bus import Bus
 from tsd_twin.lie import Array
 from tsd_twin.messages import topics
@@ -80,7 +80,7 @@ class BusOperator:
     def wait_until(self, condition: Callable[[], Any]) -> None:
         """Wait until received messages make a condition true."""
         with self._news:
-            assert self._news.wait_for(condition, PATIENCE_S), (self.status, self.events[-3:])
+            assert wait_for(self._news, condition), (self.status, self.events[-3:])
 
     # Received states.
 

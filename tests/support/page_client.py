@@ -18,7 +18,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from tests.support.robot_node import PATIENT
 from tests.support.scene_doubles import EmptyScene
-from tests.support.withheld import IN_PROCESS, PATIENCE_S, budget, this_thread_is_a_robot
+from tests.support.withheld import IN_PROCESS, PATIENCE_S, budget, this_thread_is_a_robot, wait_for
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.client.monitor import RobotMonitor
@@ -131,7 +131,7 @@ class Page:
                 return None
 
         with self._changed:
-            result = self._changed.wait_for(holds, PATIENCE_S)
+            result = wait_for(self._changed, holds)
         assert result, f"it did not come; the last were {self.messages[-3:]}"
         return result
 

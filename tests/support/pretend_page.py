@@ -22,7 +22,7 @@ from typing import Any
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 
-from tests.support.withheld import PATIENCE_S
+from tests.support.withheld import PATIENCE_S, wait_for
 
 PERIOD_S = 0.02
 _BEAT_EVERY = 5
@@ -171,7 +171,7 @@ class PretendPage:
             return next((n for n in self.notices[since:] if n["what"] == what), None)
 
         with self._news:
-            notice = self._news.wait_for(found, PATIENCE_S)
+            notice = wait_for(self._news, found)
             assert notice, f"the page never said '{what}': {self.notices}"
             return notice
 

@@ -17,7 +17,7 @@ import zstandard
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from tests.support.withheld import PATIENCE_S
+from tests.support.withheld import PATIENCE_S, wait_for
 from tsd_twin.dashboard.scene.appearance import METRES
 from tsd_twin.dashboard.scene.viser_compat import KEY_HEADER, ROBOTS_HEADER, access_key
 
@@ -108,7 +108,7 @@ class ViserClient:
                 return False
 
         with self._changed:
-            assert self._changed.wait_for(holds, PATIENCE_S), "it was not sent"
+            assert wait_for(self._changed, holds), "it was not sent"
 
     def join(self) -> None:
         self.socket.close()

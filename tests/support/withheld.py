@@ -11,13 +11,14 @@ from __future__ import annotations
 
 import contextlib
 import os
+import threading
 import time
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Self, TypeVar
 
 PATIENCE_S = 1200.0
 """Limit of a wait that usually takes milliseconds: the longest time of a test on the clock.
@@ -25,6 +26,8 @@ PATIENCE_S = 1200.0
 The time limit of the test (`tests/time_limits.py`), which excludes withheld time, ends a wait in
 vain. A shorter limit on the clock would fail on a loaded machine.
 """
+T = TypeVar("T")
+_RECHECK_S = 0.1
 _REPEATS, _FREE_REPEATS = 0.2, 10
 """Fraction of page inputs that may be repeated, and a number that is always allowed."""
 _RAN, _WITHHELD = 0, 1
@@ -32,6 +35,17 @@ _RAN, _WITHHELD = 0, 1
 _TICK_S = 1.0 / os.sysconf("SC_CLK_TCK")
 _STOLEN = 8
 """Field of `/proc/stat` with the time that a hypervisor gave to other machines."""
+
+
+def wait_for(news: threading.Condition, condition: Callable[[], T]) -> T:
+    """Wait until a condition holds, and return its last value; the caller holds `news`.
+
+    News of what changed may be missing, so the condition is also checked from time to time.
+    """
+    end_s = time.monotonic() + PATIENCE_S
+    while not (value := news.wait_for(condition, _RECHECK_S)) and time.monotonic() < end_s:
+        pass
+    return value
 
 
 class WithheldTime:

@@ -18,7 +18,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from tests.support.browser import FLAGS_WITHOUT_SCENE, executable
-from tests.support.withheld import PATIENCE_S
+from tests.support.withheld import PATIENCE_S, wait_for
 
 _LOOK_EVERY_S = 0.03
 
@@ -88,7 +88,7 @@ class Chromium:
         """Send a command and return its result."""
         number = self.say(method, session, **parameters)
         with self._news:
-            assert self._news.wait_for(lambda: number in self._answers or self._gone, PATIENCE_S)
+            assert wait_for(self._news, lambda: number in self._answers or self._gone)
             assert number in self._answers, f"Chromium has gone before it answered {method}"
             answer = self._answers.pop(number)
         if "error" in answer:
@@ -106,7 +106,7 @@ class Chromium:
             return None
 
         with self._news:
-            at_s = self._news.wait_for(found, PATIENCE_S)
+            at_s = wait_for(self._news, found)
             assert at_s, f"the page never told of {event}: {self._told}"
             return at_s
 

@@ -23,7 +23,7 @@ import numpy as np
 from tests.support.pretend_page import PretendPage
 from tests.support.programs import Program
 from tests.support.robot_node import QUICK
-from tests.support.withheld import PATIENCE_S, Pauses, WithheldTime
+from tests.support.withheld import PATIENCE_S, Pauses, WithheldTime, wait_for
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.estimation import exponential_error
 from tsd_twin.lie import SE2, Array
@@ -123,7 +123,7 @@ class Observer:
     def until(self, condition: Callable[[], bool], what: str) -> None:
         """Wait until received samples make a condition true."""
         with self._news:
-            heard = self._news.wait_for(condition, PATIENCE_S)
+            heard = wait_for(self._news, condition)
             assert heard, f"never: {what}; {self.status}; {self.truth[-1:]}"
 
     def until_time(self, time_s: float) -> None:
