@@ -23,6 +23,7 @@ from tests.support.withheld import PATIENCE_S
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "tests/planted"
 EVERY_S = 2.0
+_LIMIT_S = 60.0
 HELD = "tests/system/test_faults.py::test_without_a_fault_a_held_stick_keeps_driving"
 
 
@@ -78,7 +79,9 @@ def fails(test: str, fault: str = "", start: Sequence[str] = ()) -> bool:
         "TEST_PLANTED_EVERY_S": str(EVERY_S),
         "TEST_REALTIME": " ".join(start),
     }
-    pytest = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", test]
+    # Shorter than the limit of the test that calls this; some faults let a test wait in vain.
+    limit = f"--timeout={_LIMIT_S:g}"
+    pytest = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", limit, test]
     done = subprocess.run(
         [*start, *pytest],
         cwd=ROOT,
