@@ -264,7 +264,7 @@ def test_a_frozen_picture_is_accepted_only_while_noise_explains_it(
 def test_one_of_10_000_correct_poses_is_rejected(
     twist: tuple[float, float, float], share: float
 ) -> None:
-    """Of 60,000 poses, 6 are expected to be rejected; 17 occur once in 5,000 such tests."""
+    """Six rejections are expected in 60,000 poses; 17 occur once in 5,000 such tests."""
     random, runs = np.random.default_rng(7), 2000
     sigma, mean = np.array([0.005, 0.005, 0.02]), np.array(twist)
     by = np.concatenate([np.diag(share * mean), np.zeros((3, 3))], axis=1)

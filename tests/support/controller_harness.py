@@ -33,7 +33,7 @@ ROBOT = robots.load_robot("tsd")
 
 
 def with_exact_setpoints(robot: RobotDescription) -> RobotDescription:
-    """Return a robot whose setpoints are those of inverse kinematics, not rounded to steps."""
+    """Return a robot whose setpoints follow from inverse kinematics, without rounding to steps."""
     if not isinstance(robot, SingularityDescription):
         return robot
     servo = msgspec.structs.replace(robot.servo, joint_rounding=False)

@@ -140,14 +140,14 @@ def refine_corners(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return corners (n, 4, 2) where the lines through the edges of n tags meet.
 
-    `cells` (n,) are those of a side. The second result (n,) is False if one of the corners is more
-    than a cell from the one that was found: the edges are not the tag's.
+    `cells` (n,) is the number of cells along a side of each tag. The second result (n,) is False
+    if a corner is more than a cell from the one that was found: the edges are not the tag's.
 
     Edges are lines in the picture of a lens without distortion. `cornerSubPix` is ten times worse
     (docs/camera.md): it sees a corner's surroundings only, and the outer edge of the white border
     may draw it 4 px away. CORNER_REFINE_APRILTAG is half a pixel off.
     """
-    # All tags at once: the time is that of calls, not of numbers.
+    # Refine all tags at once, because the overhead of calls takes most of the time.
     cell_px = np.array([side_px(each) for each in corners]) / cells
     found, is_tag = corners, np.ones(len(corners), bool)
     for reach_cells in _REACH_CELLS:

@@ -85,7 +85,7 @@ def test_gimbals_move_the_body_that_fits_their_rolling_best(joints: Any) -> None
     assert found.redundancy == 3
     for wheel, velocity in zip(found.wheels, velocities, strict=True):
         assert wheel.push == pytest.approx(velocity, rel=1e-4, abs=1e-5)
-    # Of the angle whose cosine is cos(a) cos(b); exact also where that is nearly 1.
+    # The cosine of the tilt is cos(a) cos(b); its arccosine would be inexact for small tilts.
     sines = [
         math.hypot(math.sin(math.radians(a)), math.cos(math.radians(a)) * math.sin(math.radians(b)))
         for a, b, _ in joints

@@ -56,10 +56,10 @@ def rasterize(triangles: Array, width: int, height: int) -> npt.NDArray[np.intp]
     """Return the index of the nearest triangle at each pixel (height, width), or -1.
 
     Args:
-        triangles: (n, 3, 3): x to the right and y down in pixels, and depth, of each corner. The
+        triangles: (n, 3, 3): corners as x to the right and y down in pixels, and depth. The
             middle of the first pixel is (0.5, 0.5).
-        width: of the picture.
-        height: of the picture.
+        width: Width of the picture in pixels.
+        height: Height of the picture in pixels.
     """
     flat = triangles[..., :2]
     first = np.maximum(np.ceil(flat.min(axis=1) - 0.5), 0.0).astype(np.intp)
