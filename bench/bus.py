@@ -106,8 +106,9 @@ def watch_setpoint(bus: Bus, robot_id: str = "tsd") -> threading.Event:
 
 def paced_speeds(send: Callable[[float], object], came: threading.Event, count: int) -> list[float]:
     """Return the response times to alternating speeds, ms, once the robot is up to speed."""
-    # Use small steps that the limiter passes unchanged, so that one setpoint shows each.
-    speeds = itertools.cycle([0.40, 0.42])
+    # The limiter passes these steps unchanged, and they exceed two servo steps, so that the first
+    # set-point after each shows it, in spite of joint rounding.
+    speeds = itertools.cycle([0.40, 0.435])
     for _ in range(40):
         send(next(speeds))
         time.sleep(_PERIOD_S)

@@ -52,19 +52,19 @@ def metre_places(
     found: dict[str, Array] = {}
     taken: list[Array] = []
     for axis, letter in enumerate("xy"):
-        for metre in range(math.ceil(xy[axis] - _RANGE_M), math.floor(xy[axis] + _RANGE_M) + 1):
-            line = np.full((len(along), 3), 0.0)
-            line[:, axis], line[:, 1 - axis] = metre, xy[1 - axis] + along
-            line = line[(line - pose.position) @ ahead > _LEAST_DEPTH_M * np.linalg.norm(ahead)]
-            seen = pictured(pose, line, aspect, fov_rad)
-            inside = ((seen > low) & (seen < high)).all(axis=-1)
-            if not inside.any():
-                continue
-            line, seen = line[inside], seen[inside]
-            best = int(np.argmin(seen[:, 0 if axis == across else 1]))
+        metres = np.arange(math.ceil(xy[axis] - _RANGE_M), math.floor(xy[axis] + _RANGE_M) + 1)
+        lines = np.zeros((len(metres), len(along), 3))
+        lines[..., axis], lines[..., 1 - axis] = metres[:, None], xy[1 - axis] + along
+        visible = (lines - pose.position) @ ahead > _LEAST_DEPTH_M * np.linalg.norm(ahead)
+        seen = np.full((*visible.shape, 2), np.inf)
+        seen[visible] = pictured(pose, lines[visible], aspect, fov_rad)
+        inside = ((seen > low) & (seen < high)).all(axis=-1)
+        edge = np.where(inside, seen[..., 0 if axis == across else 1], np.inf)
+        for row in np.flatnonzero(inside.any(axis=1)):
+            best = row, int(np.argmin(edge[row]))
             if all(np.linalg.norm(seen[best] - other) > _LEAST_APART for other in taken):
                 taken.append(seen[best])
-                found[f"{letter} {metre} m"] = line[best, :2]
+                found[f"{letter} {metres[row]} m"] = lines[best][:2]
     return found
 
 
@@ -92,6 +92,7 @@ class MetreLabels:
         """
         for text in self._shown.keys() - places.keys():
             self._shown.pop(text).remove()
+        facing = _facing(pose)
         for text, at in places.items():
             distance_m = float(np.linalg.norm(pose.position - (*at, 0.0)))
             picture = text_picture(text, colour)
@@ -100,7 +101,7 @@ class MetreLabels:
             if text in self._shown:
                 self._shown[text].position = (float(at[0]), float(at[1]), 0.5 * height * scale)
                 self._shown[text].scale = scale
-                self._shown[text].wxyz = _facing(pose)
+                self._shown[text].wxyz = facing
                 continue
             self._shown[text] = self._client.scene.add_image(
                 f"{METRES}/{text.replace(' ', '')}",
@@ -111,7 +112,7 @@ class MetreLabels:
                 scale=scale,
                 cast_shadow=False,
                 receive_shadow=False,
-                wxyz=_facing(pose),
+                wxyz=facing,
                 position=(float(at[0]), float(at[1]), 0.5 * height * scale),
             )
 
