@@ -30,7 +30,7 @@ with program.requires("tsd-ros", "ros"):
     )
     from tsd_twin.adapters.ros.port import ADAPTER, Endpoints, OpenPort, PortCallbacks
     from tsd_twin.adapters.ros.zenoh_port import ZenohPort
-    from tsd_twin.adapters.ros_messages import RosNames
+    from tsd_twin.adapters.ros_topics import RosNames
 
 
 OPERATOR = "ros"

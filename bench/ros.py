@@ -13,7 +13,7 @@ from bench.programs import peer, tool
 from bench.table import Row, Run
 from tsd_twin.adapters.ros.arrivals import Origin
 from tsd_twin.adapters.ros.zenoh_port import encode_attachment, topic_key
-from tsd_twin.adapters.ros_messages import PUBLISHED
+from tsd_twin.adapters.ros_topics import PUBLISHED
 from tsd_twin.bus import Bus, node_config
 from tsd_twin.messages.ros_types import TRIGGER, encode_cdr, make_twist, type_hash
 from tsd_twin.messages.topics import QoS

@@ -23,15 +23,8 @@ from tsd_twin.adapters.frames import (
     WheelAngles,
     parse_urdf,
 )
-from tsd_twin.adapters.ros_messages import (
-    PUBLISHED,
-    SERVICES,
-    SOURCES,
-    RobotMapping,
-    RosMessage,
-    RosNames,
-    namespaces,
-)
+from tsd_twin.adapters.ros_messages import RobotMapping, RosMessage
+from tsd_twin.adapters.ros_topics import PUBLISHED, SERVICES, SOURCES, RosNames, namespaces
 from tsd_twin.lie import SO3
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import BASE, ODOM, JointState, Odometry, encode_joints, encode_odometry

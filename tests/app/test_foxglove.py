@@ -43,7 +43,7 @@ from tests.support.robot_node import QUICK
 from tests.support.withheld import PATIENCE_S, WithheldTime
 from tsd_twin import robots
 from tsd_twin.adapters.foxglove.gateway import FOXGLOVE_ORIGIN, SILENT_S
-from tsd_twin.adapters.ros_messages import PUBLISHED, SERVICES
+from tsd_twin.adapters.ros_topics import PUBLISHED, SERVICES
 from tsd_twin.bus import Bus, as_client, client_config
 from tsd_twin.recording.mcap_file import RecordingFile
 

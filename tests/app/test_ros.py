@@ -43,7 +43,7 @@ from tests.support.square_drive import SquareDrive
 from tests.support.withheld import PATIENCE_S, WithheldTime
 from tsd_twin import robots
 from tsd_twin.adapters.cmd_vel import HELD_UP_S
-from tsd_twin.adapters.ros_messages import LATCHED_TOPICS, PUBLISHED, READ, SERVICES
+from tsd_twin.adapters.ros_topics import LATCHED_TOPICS, PUBLISHED, READ, SERVICES
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 

@@ -8,7 +8,7 @@ from typing import Any
 from tests.support.markdown_pages import ROOT, page, quoted, section, tables
 from tsd_twin.adapters import cmd_vel, fleet
 from tsd_twin.adapters.foxglove import gateway, sdk
-from tsd_twin.adapters.ros_messages import CMD_VEL, PUBLISHED, SERVICES
+from tsd_twin.adapters.ros_topics import CMD_VEL, PUBLISHED, SERVICES
 
 PAGE = page("foxglove.md")
 

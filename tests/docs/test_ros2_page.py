@@ -5,7 +5,7 @@ from __future__ import annotations
 from tests.support.markdown_pages import page, quoted, section, tables
 from tsd_twin.adapters import cmd_vel
 from tsd_twin.adapters.ros.port import NODE, types_of
-from tsd_twin.adapters.ros_messages import PUBLISHED, READ, SERVICES
+from tsd_twin.adapters.ros_topics import PUBLISHED, READ, SERVICES
 from tsd_twin.messages.ros_types import TRIGGER
 
 PAGE = page("ros2.md")

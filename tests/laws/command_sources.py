@@ -21,7 +21,7 @@ from tsd_twin.adapters.fleet import Fleet
 from tsd_twin.adapters.foxglove.live import FoxgloveSource, LiveOperator
 from tsd_twin.adapters.ros.adapter import serve_ros
 from tsd_twin.adapters.ros.port import Origin, PortCallbacks
-from tsd_twin.adapters.ros_messages import CMD_VEL, namespaces
+from tsd_twin.adapters.ros_topics import CMD_VEL, namespaces
 from tsd_twin.client import AsyncRobotClient, AsyncRobotControl
 from tsd_twin.client.bus_port import BusLink
 from tsd_twin.client.monitor import RobotMonitor

@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 from tsd_twin import robots
 from tsd_twin.adapters.frames import parse_urdf
 from tsd_twin.adapters.ros.external_robot import ExternalLimits, describe
-from tsd_twin.adapters.ros_messages import RobotMapping, RosNames
+from tsd_twin.adapters.ros_messages import RobotMapping
+from tsd_twin.adapters.ros_topics import RosNames
 from tsd_twin.dashboard.scene.robot_geometry import RobotShape
 from tsd_twin.lie import SE2, SO3
 from tsd_twin.messages.errors import MessageError

@@ -26,7 +26,7 @@ from tests.support.robot_node import QUICK
 from tsd_twin import robots
 from tsd_twin.adapters.cmd_vel import PAUSE_S
 from tsd_twin.adapters.ros.port import types_of
-from tsd_twin.adapters.ros_messages import PUBLISHED, READ, SERVICES, RosNames, RosQoS
+from tsd_twin.adapters.ros_topics import PUBLISHED, READ, SERVICES, RosNames, RosQoS
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 

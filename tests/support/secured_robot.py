@@ -27,7 +27,7 @@ from tsd_twin.bus import (
     node_config,
     router_file,
 )
-from tsd_twin.bus.session import sample_of
+from tsd_twin.bus.handles import sample_of
 from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.client.protocol import ControlProtocol
 from tsd_twin.messages import topics

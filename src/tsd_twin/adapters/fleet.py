@@ -16,7 +16,8 @@ import msgspec
 
 from tsd_twin.adapters.cmd_vel import CmdVel
 from tsd_twin.adapters.frames import FOOTPRINT
-from tsd_twin.adapters.ros_messages import SOURCES, RobotMapping, RosMessage, RosNames, namespaces
+from tsd_twin.adapters.ros_messages import RobotMapping, RosMessage
+from tsd_twin.adapters.ros_topics import SOURCES, RosNames, namespaces
 from tsd_twin.bus import Bus
 from tsd_twin.client import AsyncRobotClient
 from tsd_twin.client.bus_port import BusLink

@@ -15,7 +15,8 @@ from tsd_twin.bus.config import (
     over_datagrams,
     router_file,
 )
-from tsd_twin.bus.session import Bus, PendingQuery, Publisher, Queryable, Subscriber, Token
+from tsd_twin.bus.handles import PendingQuery, Publisher, Queryable, Subscriber, Token
+from tsd_twin.bus.session import Bus
 
 __all__ = [
     "DEFAULT_ENDPOINT",

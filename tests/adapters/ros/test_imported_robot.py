@@ -16,7 +16,8 @@ from tsd_twin.adapters.ros.external_robot import (
     describe,
 )
 from tsd_twin.adapters.ros.port import UNKNOWN_PUBLISHER
-from tsd_twin.adapters.ros_messages import ODOMETRY, RosMessage, RosNames
+from tsd_twin.adapters.ros_messages import RosMessage
+from tsd_twin.adapters.ros_topics import ODOMETRY, RosNames
 from tsd_twin.control import LoggedController
 from tsd_twin.control.logged_controller import load_state
 from tsd_twin.lie import Array

@@ -5,7 +5,7 @@ from __future__ import annotations
 from tsd_twin.adapters.ros.arrivals import Origin
 from tsd_twin.adapters.ros.operator import MAX_QUEUED_MESSAGES, MOST_POSES, QUEUE_SIZES
 from tsd_twin.adapters.ros.port import Inbox, Received
-from tsd_twin.adapters.ros_messages import CMD_VEL, INITIAL_POSE, MEASURED_POSE, READ, RosTopic
+from tsd_twin.adapters.ros_topics import CMD_VEL, INITIAL_POSE, MEASURED_POSE, READ, RosTopic
 
 
 def received(row: RosTopic, number: int) -> Received:

@@ -9,7 +9,8 @@ import pytest
 from tsd_twin.adapters.ros.port import ADAPTER
 from tsd_twin.adapters.ros.shared_names import CHECK_S, NameWatch, shared_name
 from tsd_twin.adapters.ros.zenoh_port import QOS, Kind, RosNode, endpoints_key, node_of
-from tsd_twin.adapters.ros_messages import RosMessage, RosNames
+from tsd_twin.adapters.ros_messages import RosMessage
+from tsd_twin.adapters.ros_topics import RosNames
 from tsd_twin.messages.codes import Code, because
 
 ALONE, LEFT = RosNames("kiwi", shared=False), RosNames("left", shared=True)

@@ -24,7 +24,7 @@ from tsd_twin.adapters.ros.zenoh_port import (
     gid_of,
     topic_key,
 )
-from tsd_twin.adapters.ros_messages import PUBLISHED, READ, RosQoS
+from tsd_twin.adapters.ros_topics import PUBLISHED, READ, RosQoS
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.ros_types import TRIGGER, encode_trigger_response, type_hash
 

@@ -8,26 +8,44 @@ export type Report = (free: Box, height: number) => void;
 
 const LEAST_SHARE = 0.4; // With less room, as under a large map, the robot stays in the middle.
 const ROBOT_ASPECT = 1.6; // Typical ratio of width and height of a robot in the picture.
+const MIDDLE_SHARE = 0.1; // Size that is given up for a place nearer to the middle, per distance.
 
 /**
- * Return the part of a picture that is left after each cover has cut off the side that costs a robot
- * the least of its size, in fractions. Without room, it is the whole picture.
+ * Return the rectangle of a picture, in fractions, that no cover touches and in which a robot is
+ * largest; the one nearest to the middle if several are alike. Without room, it is the whole picture.
  */
-export function freeRectangle({ left, top, right, bottom }: Box, covers: readonly Box[]): Box {
-  const picture = { left, top, right, bottom };
+export function freeRectangle(picture: Box, covers: readonly Box[]): Box {
   const size = (box: Box) => Math.min((box.right - box.left) / ROBOT_ASPECT, box.bottom - box.top);
-  const area = (box: Box) => (box.right - box.left) * (box.bottom - box.top);
-  let free = picture;
-  for (const cover of covers) {
-    if (!overlap(cover, free)) continue;
-    const cuts: Box[] = [
-      { ...free, left: cover.right },
-      { ...free, right: cover.left },
-      { ...free, top: cover.bottom },
-      { ...free, bottom: cover.top },
-    ];
-    free = cuts.sort((a, b) => size(b) - size(a) || area(b) - area(a))[0]!;
-  }
+  const middle = (box: Box) =>
+    [0.5 * (box.left + box.right), 0.5 * (box.top + box.bottom)] as const;
+  const [x, y] = middle(picture);
+  const value = (box: Box) => {
+    const [boxX, boxY] = middle(box);
+    return size(box) - MIDDLE_SHARE * Math.hypot(boxX - x, boxY - y);
+  };
+  const { left, top, right, bottom } = picture;
+  const over = covers
+    .filter((cover) => overlap(cover, picture))
+    .map((cover) => ({
+      left: Math.max(left, cover.left),
+      top: Math.max(top, cover.top),
+      right: Math.min(right, cover.right),
+      bottom: Math.min(bottom, cover.bottom),
+    }));
+  const lefts = [left, ...over.map((cover) => cover.right)];
+  const rights = [right, ...over.map((cover) => cover.left)];
+  const tops = [top, ...over.map((cover) => cover.bottom)];
+  const bottoms = [bottom, ...over.map((cover) => cover.top)];
+  let [free, best] = [picture, -Infinity];
+  for (const l of lefts)
+    for (const r of rights)
+      for (const t of tops)
+        for (const b of bottoms) {
+          const box = { left: l, top: t, right: r, bottom: b };
+          const found = l < r && t < b ? value(box) : -Infinity;
+          if (found > best && !over.some((cover) => overlap(cover, box)))
+            [free, best] = [box, found];
+        }
   if (size(free) < LEAST_SHARE * size(picture)) free = picture;
   const share = (part: number, whole: number) => Math.round((1000 * part) / whole) / 1000;
   return {
@@ -53,17 +71,15 @@ const CHECK_MS = 200;
  */
 export function watchFreeRectangle(view: Element, report: Report): () => void {
   let before = "";
+  let free: Box | null = null;
   const timer = setInterval(() => {
     const picture = view.getBoundingClientRect();
     if (picture.width === 0 || picture.height === 0) return;
-    const covers = document.querySelectorAll(".view [data-covers], .deck > *");
-    const free = freeRectangle(
-      picture,
-      [...covers].map((node) => node.getBoundingClientRect()),
-    );
-    const now = JSON.stringify([free, picture.height]);
-    if (now === before) report(free, picture.height);
-    before = now;
+    const nodes = document.querySelectorAll(".view [data-covers], .deck > *");
+    const covers = [...nodes].map((node) => node.getBoundingClientRect());
+    const now = JSON.stringify([picture, covers]);
+    if (now === before) report((free ??= freeRectangle(picture, covers)), picture.height);
+    else [before, free] = [now, null];
   }, CHECK_MS);
   return () => clearInterval(timer);
 }

@@ -47,6 +47,19 @@ test("The room beside the map counts for more than the room above it in a wide p
   expect(free.left).toBeCloseTo(292, 0);
 });
 
+test("On a phone held sideways the robot is large, and nearly in the middle.", () => {
+  const picture = { left: 0, top: 48, right: 844, bottom: 390 };
+  const speed = { left: 20, top: 60, right: 230, bottom: 102 };
+  const heading = { left: 778, top: 60, right: 824, bottom: 92 };
+  const stick = { left: 22, top: 236, right: 158, bottom: 372 };
+  const stop = { left: 326, top: 304, right: 518, bottom: 376 };
+  const turn = { left: 656, top: 252, right: 824, bottom: 345 };
+  const free = freeRectangle(picture, [speed, heading, stick, stop, turn]);
+  expect(0.5 * (free.left + free.right)).toBeCloseTo(0.5, 1);
+  expect(free.bottom - free.top).toBeGreaterThan(0.7);
+  expect(free.right - free.left).toBeGreaterThan(0.45);
+});
+
 test("Covers outside the picture do not count, as the deck below it.", () => {
   const deck = { left: 100, top: 650, right: 1100, bottom: 800 };
   expect(freeRectangle(PICTURE, [deck]).bottom).toBe(1);

@@ -12,7 +12,8 @@ from tsd_twin.adapters.cmd_vel import CmdVelOperator, decode_cmd_vel
 from tsd_twin.adapters.cmd_vel_bridge import CmdVelBridge
 from tsd_twin.adapters.fleet import Fleet, RobotSource, package_of
 from tsd_twin.adapters.foxglove.sdk import SdkServer
-from tsd_twin.adapters.ros_messages import CMD_VEL, PUBLISHED, SERVICES, RosMessage, RosNames
+from tsd_twin.adapters.ros_messages import RosMessage
+from tsd_twin.adapters.ros_topics import CMD_VEL, PUBLISHED, SERVICES, RosNames
 from tsd_twin.client.bus_port import BusLink
 from tsd_twin.messages.errors import MessageError
 

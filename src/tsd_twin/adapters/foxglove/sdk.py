@@ -16,7 +16,8 @@ from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from typing import Any
 
-from tsd_twin.adapters.ros_messages import LATCHED_TOPICS, STATUS, RosMessage, RosTopic
+from tsd_twin.adapters.ros_messages import RosMessage
+from tsd_twin.adapters.ros_topics import LATCHED_TOPICS, STATUS, RosTopic
 from tsd_twin.errors import MissingExtraError, TwinError
 from tsd_twin.messages.ros_types import TRIGGER, decode_cdr, definition
 from tsd_twin.security.access_rules import ROBOT, BusIdentity, Role

@@ -18,7 +18,8 @@ from tsd_twin.adapters.fleet import LONGEST_OPERATOR, Fleet, MeshFiles, package_
 from tsd_twin.adapters.foxglove.gateway import Access, Front
 from tsd_twin.adapters.foxglove.live import FoxgloveSource, LiveOperator
 from tsd_twin.adapters.foxglove.sdk import SdkServer
-from tsd_twin.adapters.ros_messages import PUBLISHED, SOURCES, RobotMapping, namespaces
+from tsd_twin.adapters.ros_messages import RobotMapping
+from tsd_twin.adapters.ros_topics import PUBLISHED, SOURCES, namespaces
 from tsd_twin.bus import Bus
 from tsd_twin.errors import RecordingError, TwinError
 from tsd_twin.messages.errors import MessageError

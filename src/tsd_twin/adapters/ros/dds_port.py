@@ -22,7 +22,8 @@ from tsd_twin.adapters.ros.port import (
     PortCallbacks,
     types_of,
 )
-from tsd_twin.adapters.ros_messages import RosMessage, RosNames, RosQoS, RosTopic
+from tsd_twin.adapters.ros_messages import RosMessage
+from tsd_twin.adapters.ros_topics import RosNames, RosQoS, RosTopic
 from tsd_twin.errors import TwinError
 from tsd_twin.messages.ros_types import TRIGGER
 

@@ -22,13 +22,13 @@ from tsd_twin.adapters.cmd_vel import TWIST_STAMPED, NoticeLimiter
 from tsd_twin.adapters.ros.arrivals import Origin, PublisherTracker
 from tsd_twin.adapters.ros.port import UNKNOWN_PUBLISHER, Endpoints, Inbox, Received, RosPort
 from tsd_twin.adapters.ros.shared_names import NameWatch
-from tsd_twin.adapters.ros_messages import (
+from tsd_twin.adapters.ros_messages import RosMessage
+from tsd_twin.adapters.ros_topics import (
     DESCRIPTION,
     DRIVEN,
     IMPORTED,
     JOINT_STATES,
     ODOMETRY,
-    RosMessage,
     RosNames,
     RosTopic,
 )

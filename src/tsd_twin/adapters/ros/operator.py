@@ -44,13 +44,13 @@ from tsd_twin.adapters.ros.port import (
     decode_pose_input,
 )
 from tsd_twin.adapters.ros.shared_names import NameWatch
-from tsd_twin.adapters.ros_messages import (
+from tsd_twin.adapters.ros_messages import RosMessage
+from tsd_twin.adapters.ros_topics import (
     CMD_VEL,
     INITIAL_POSE,
     MEASURED_POSE,
     ODOMETRY,
     READ,
-    RosMessage,
     RosNames,
     RosTopic,
 )

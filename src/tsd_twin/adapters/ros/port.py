@@ -12,15 +12,8 @@ import numpy as np
 
 from tsd_twin.adapters.cmd_vel import TWIST_STAMPED
 from tsd_twin.adapters.ros.arrivals import Origin
-from tsd_twin.adapters.ros_messages import (
-    CMD_VEL,
-    PUBLISHED,
-    READ,
-    SERVICES,
-    RosMessage,
-    RosNames,
-    RosTopic,
-)
+from tsd_twin.adapters.ros_messages import RosMessage
+from tsd_twin.adapters.ros_topics import CMD_VEL, PUBLISHED, READ, SERVICES, RosNames, RosTopic
 from tsd_twin.messages.cdr import ODOM
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.pose import PoseStamped

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from tsd_twin.adapters.ros.port import NODE, RosPort
-from tsd_twin.adapters.ros_messages import CMD_VEL, ODOMETRY, RosNames
+from tsd_twin.adapters.ros_topics import CMD_VEL, ODOMETRY, RosNames
 from tsd_twin.messages.codes import Code, Reason, because
 
 CHECK_S = 0.2

@@ -18,7 +18,8 @@ import xxhash
 
 from tsd_twin.adapters.ros.arrivals import Origin
 from tsd_twin.adapters.ros.port import ADAPTER, Endpoints, PortCallbacks, types_of
-from tsd_twin.adapters.ros_messages import CMD_VEL, ODOMETRY, RosMessage, RosNames, RosQoS, RosTopic
+from tsd_twin.adapters.ros_messages import RosMessage
+from tsd_twin.adapters.ros_topics import CMD_VEL, ODOMETRY, RosNames, RosQoS, RosTopic
 from tsd_twin.bus import Bus, PendingQuery, Publisher
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.ros_types import TRIGGER, encode_trigger_response, type_hash
