@@ -8,20 +8,27 @@ export type Report = (free: Box, height: number) => void;
 
 const LEAST_SHARE = 0.4; // With less room, as under a large map, the robot stays in the middle.
 const ROBOT_ASPECT = 1.6; // Typical ratio of width and height of a robot in the picture.
+const ROOM = 1.25; // Least length of the longer side, relative to what the robot needs.
 const MIDDLE_SHARE = 0.1; // Size that is given up for a place nearer to the middle, per distance.
 
 /**
  * Return the rectangle of a picture, in fractions, that no cover touches and in which a robot is
- * largest; the one nearest to the middle if several are alike. Without room, it is the whole picture.
+ * largest and nearest to the middle. Without room, it is the whole picture.
  */
 export function freeRectangle(picture: Box, covers: readonly Box[]): Box {
   const size = (box: Box) => Math.min((box.right - box.left) / ROBOT_ASPECT, box.bottom - box.top);
-  const middle = (box: Box) =>
-    [0.5 * (box.left + box.right), 0.5 * (box.top + box.bottom)] as const;
-  const [x, y] = middle(picture);
+  const [x, y] = [0.5 * (picture.left + picture.right), 0.5 * (picture.top + picture.bottom)];
+  const centred = (box: Box) => {
+    const height = (ROOM * (box.right - box.left)) / ROBOT_ASPECT;
+    const width = ROOM * ROBOT_ASPECT * (box.bottom - box.top);
+    const [left, right] = towards(x, box.left, box.right, width);
+    const [top, bottom] = towards(y, box.top, box.bottom, height);
+    return { left, top, right, bottom };
+  };
   const value = (box: Box) => {
-    const [boxX, boxY] = middle(box);
-    return size(box) - MIDDLE_SHARE * Math.hypot(boxX - x, boxY - y);
+    const { left, top, right, bottom } = centred(box);
+    const away = Math.hypot(0.5 * (left + right) - x, 0.5 * (top + bottom) - y);
+    return size(box) - MIDDLE_SHARE * away;
   };
   const { left, top, right, bottom } = picture;
   const over = covers
@@ -46,7 +53,7 @@ export function freeRectangle(picture: Box, covers: readonly Box[]): Box {
           if (found > best && !over.some((cover) => overlap(cover, box)))
             [free, best] = [box, found];
         }
-  if (size(free) < LEAST_SHARE * size(picture)) free = picture;
+  free = size(free) < LEAST_SHARE * size(picture) ? picture : centred(free);
   const share = (part: number, whole: number) => Math.round((1000 * part) / whole) / 1000;
   return {
     left: share(free.left - left, right - left),
@@ -54,6 +61,14 @@ export function freeRectangle(picture: Box, covers: readonly Box[]): Box {
     right: share(free.right - left, right - left),
     bottom: share(free.bottom - top, bottom - top),
   };
+}
+
+/** Cut an interval so that its centre is near `middle`; a length of `least` remains. */
+function towards(middle: number, from: number, to: number, least: number): [number, number] {
+  const room = Math.max(0.5 * least, Math.min(middle - from, to - middle));
+  const half = Math.min(0.5 * (to - from), room);
+  const centre = Math.max(from + half, Math.min(to - half, middle));
+  return [centre - half, centre + half];
 }
 
 function overlap(a: Box, b: Box): boolean {
@@ -76,7 +91,8 @@ export function watchFreeRectangle(view: Element, report: Report): () => void {
     const picture = view.getBoundingClientRect();
     if (picture.width === 0 || picture.height === 0) return;
     const nodes = document.querySelectorAll(".view [data-covers], .deck > *");
-    const covers = [...nodes].map((node) => node.getBoundingClientRect());
+    const shown = [...nodes].filter((node) => getComputedStyle(node).visibility !== "hidden");
+    const covers = shown.map((node) => node.getBoundingClientRect());
     const now = JSON.stringify([picture, covers]);
     if (now === before) report((free ??= freeRectangle(picture, covers)), picture.height);
     else [before, free] = [now, null];
