@@ -90,13 +90,16 @@ class GoalRounding:
             kept_m = math.sqrt(left @ left)
             if kept_m <= MARGIN_M:
                 return kept
-        goals = self._candidates(gimbals, exact)
-        left = self._displaced + HORIZON_S * ((goals - exact) @ by_step.T)
-        squares = (left * left).sum(axis=1)
+        nearest, other = self._neighbours(gimbals, exact)
+        free = np.argsort(-abs((exact - nearest) * other), kind="stable")[: self._other.shape[1]]
+        left = self._displaced + HORIZON_S * (by_step @ (nearest - exact))
+        changes = HORIZON_S * (by_step[:, free] * other[free])
+        squares = np.square(left + self._other @ changes.T).sum(axis=1)
         best = int((squares <= squares.min() + _SAME_M2).argmax())
-        if kept is None or kept_m > math.sqrt(squares[best]) + MARGIN_M:
-            return goals[best]
-        return kept
+        if kept is not None and kept_m <= math.sqrt(squares[best]) + MARGIN_M:
+            return kept
+        nearest[free] += self._other[best] * other[free]
+        return nearest
 
     def _weighted_velocity(self, gimbals: Array, rims: Array) -> Array:
         """Return the weighted rolling velocity (2k, 2k) of all contacts per step of each servo.
@@ -111,8 +114,8 @@ class GoalRounding:
         by_step[:, 1::2] = -rims * cos_a * cos_b * y
         return by_step
 
-    def _candidates(self, gimbals: Array, exact: Array) -> Array:
-        """Return the combinations (n, 2k) to choose from, in steps; the first has the nearest.
+    def _neighbours(self, gimbals: Array, exact: Array) -> tuple[Array, Array]:
+        """Return the nearest step (2k,) of each servo, and the way (2k,) to its other neighbour.
 
         Modules within two steps of the tilt limit are rounded towards upright only.
         """
@@ -124,7 +127,4 @@ class GoalRounding:
             outward = steep & (abs(nearest + self._neutral) > abs(exact + self._neutral))
             nearest += outward * other
             other[steep] = 0.0
-        goals = np.tile(nearest, (len(self._other), 1))
-        free = np.argsort(-abs(beyond), kind="stable")[: self._other.shape[1]]
-        goals[:, free] += self._other * other[free]
-        return goals
+        return nearest, other
