@@ -46,6 +46,34 @@ STATES: dict[str, dict[str, Any]] = {
     "a replay": state("driving", source="recording"),
     "silent": state("driving", you=True, age_ms=5000.0),
 }
+FLEET: dict[str, Any] = {
+    "t": "fleet",
+    "whole": True,
+    "robots": [
+        {
+            "id": name,
+            "title": name,
+            "colour": "#1d96fe",
+            "panel": "gimbals",
+            "wheel_count": 3,
+            "space": "floor",
+            "source": "robot",
+            "silent": name == "silent",
+            "age_s": 0.1,
+            "mode": "fault",
+            "latched": True,
+            "why": LONG,
+            "driver": "bob-with-a-rather-long-name",
+            "requested_by": None,
+            "operators": {},
+            "battery": {"volts": 11.1, "low": True},
+            "event": {"why": LONG, "age_s": 3.0},
+        }
+        for name in ("tsd", "robot-with-a-name-of-31-letters", "silent")
+    ],
+    "poses": {"tsd": [0.0, 0.0, 0.0], "robot-with-a-name-of-31-letters": [2.0, 1.0, 1.0]},
+}
+"""Robots of the page of all robots, with long texts."""
 TABS = ("Drive", "Modules", "Plots", "Health", "View", "Student")
 
 

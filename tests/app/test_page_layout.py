@@ -8,6 +8,7 @@ from playwright.sync_api import Browser
 from tests.app.legibility import SMALL
 from tests.app.overlaps import FINE_PRINT, OVERLAPS, STILL, STOP
 from tests.app.page_states import (
+    FLEET,
     REFUSED,
     STATES,
     TABS,
@@ -46,12 +47,16 @@ class Look:
         found = [f"on STOP: {each}" for each in stop["covers"]]
         self._note(name, found + ([] if stop["isWhole"] else ["STOP leaves the window"]))
 
+    def at_print(self, name: str) -> None:
+        """Check STOP, and that texts are large enough; other elements may be scrolled away."""
+        self.at_stop(name)
+        self._note(name, self.stage.page.evaluate(FINE_PRINT))
+
     def at_all(self, name: str) -> None:
         """Check STOP and every other readable or clickable element."""
-        self.at_stop(name)
+        self.at_print(name)
         page = self.stage.page
         self._note(name, page.evaluate(OVERLAPS, LAYERS))
-        self._note(name, page.evaluate(FINE_PRINT))
         self._note(name, page.evaluate(SMALL, self._least_px))
 
     def _note(self, name: str, found: list[str]) -> None:
@@ -111,7 +116,9 @@ def show_what_is_opened(stage: PageStage, look: Look) -> None:
     stage.page.get_by_role("button", name="Acknowledge").click()
     stage.page.evaluate("location.hash = '#fleet'")
     stage.page.get_by_role("button", name="STOP ALL").wait_for()
-    look.at_stop("all robots")
+    stage.say(FLEET)
+    stage.page.get_by_role("img", name="Floor").wait_for()
+    look.at_print("all robots")
     stage.page.evaluate("location.hash = ''")
 
 

@@ -57,7 +57,11 @@ function Facts({ row }: { row: Row }) {
     <dl>
       <dt>{fleet.driver}</dt>
       <dd class={row.driver === null ? "none" : ""}>
-        {row.driver === null ? fleet.nobody : <bdi>{named(row.driver)}</bdi>}
+        {row.driver === null ? (
+          fleet.nobody
+        ) : (
+          <bdi title={named(row.driver)}>{named(row.driver)}</bdi>
+        )}
         {row.requested_by !== null && (
           <span class="warn"> {fleet.asks(named(row.requested_by))}</span>
         )}

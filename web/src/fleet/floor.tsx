@@ -4,8 +4,8 @@ import type { Fleet } from "../generated/wire";
 import { useSession } from "../session";
 import { texts } from "../text/text";
 
-const SIZE = 360;
-const MARGIN = 36;
+const SIZE = 288; // The map is at least this many pixels wide, so texts are never below 12 px.
+const MARGIN = 30;
 const LEAST_EXTENT_M = 3;
 
 type Pose = Fleet["poses"][string];
