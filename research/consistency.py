@@ -51,6 +51,9 @@ def cases(args: argparse.Namespace) -> list[Case]:
     made: list[Case] = []
     for name in args.robots:
         robot = robots.load_robot(name)
+        slides = isinstance(robot, OmniDescription) or args.plant == "mujoco"
+        if args.friction is not None and not slides:
+            raise TwinError(f"{name} has no friction on this plant: use --plant mujoco")
         known: Iterable[str] = BY_NAME
         if robot.kinematics().pose_type is not SE2:
             known = SPHERE_MANOEUVRES
@@ -58,6 +61,7 @@ def cases(args: argparse.Namespace) -> list[Case]:
             if manoeuvre not in known:
                 raise TwinError(f"{name} has no manoeuvre '{manoeuvre}': {', '.join(known)}")
             case = Case(name, manoeuvre, plant=args.plant, seeds=args.seeds, first=args.seed)
+            case = replace(case, friction=args.friction)
             if known is SPHERE_MANOEUVRES:
                 made.append(replace(case, odometry=JOINTS, plant="kinematic"))
                 continue
@@ -215,6 +219,11 @@ def _flags(parser: argparse.ArgumentParser) -> None:
         help="rows with these, as in the table: joints, 'gyro + camera, mounted'; default all",
     )
     parser.add_argument("--plant", choices=PLANTS, default="kinematic", help="default kinematic")
+    parser.add_argument(
+        "--friction",
+        type=flags.number(0.01),
+        help="friction of the simulated floor; default as described",
+    )
     experiment.add_jobs_flag(parser)
 
 
@@ -225,6 +234,7 @@ EXPERIMENT = Experiment(
         "python -m research consistency",
         "python -m research consistency --robots tsd kiwi --manoeuvres circle wander --seeds 10",
         "python -m research consistency --robots tsd --plant mujoco --sensors joints",
+        "python -m research consistency --robots tsd --plant mujoco --friction 0.35",
     ],
     seed_of="the first robot of a row",
     add_own_flags=_flags,

@@ -175,6 +175,8 @@ class Case:
     """Seed of the first robot."""
     times_s: tuple[float, ...] = TIMES_S
     """Times since the start at which estimates are compared with the true poses, seconds."""
+    friction: float | None = None
+    """Friction of the simulated floor, or None for the described one."""
 
     @property
     def described(self) -> RobotDescription:
@@ -282,7 +284,13 @@ def collected(
 
 def _simulated(driven: Drive, robot: RobotDescription) -> Simulation:
     """Return the simulated robots of a drive."""
-    plant = driven.cases[0].plant
+    plant, friction = driven.cases[0].plant, driven.cases[0].friction
+    if friction is not None and isinstance(robot, SingularityDescription):
+        floor = msgspec.structs.replace(robot.floor, friction=friction)
+        robot = msgspec.structs.replace(robot, floor=floor)
+    elif friction is not None and isinstance(robot, OmniDescription):
+        slippery = msgspec.structs.replace(robot.drive, friction=friction)
+        robot = msgspec.structs.replace(robot, drive=slippery)
     return simulate(robot, driven.batch, seed=driven.first, noise=1.0, errors=1.0, plant=plant)
 
 

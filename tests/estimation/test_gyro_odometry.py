@@ -11,6 +11,7 @@ import pytest
 from tests.estimation.test_sensor_odometry import DT_S, Ride, wander
 from tsd_twin import robots
 from tsd_twin.control.state_estimator import StateEstimator
+from tsd_twin.estimation import GyroOdometry
 from tsd_twin.lie import SE2, Array, wrap
 from tsd_twin.robots import OmniDescription, SingularityDescription
 from tsd_twin.sensors.gyro import Gyro
@@ -169,3 +170,21 @@ def test_while_the_wheels_are_shut_off_the_bias_turns_nothing() -> None:
         assert abs(measured[-1]) > 0.001
         ride.estimator.advance(ride.now_s, measured, shut_off, DT_S)
     assert abs(heading_off(ride)[0]) < 1e-9
+
+
+def test_a_robot_that_turns_while_its_wheels_have_stopped_is_followed_by_the_gyro() -> None:
+    """On ice, wheels claim anything from the end of a turn to a turn to the other side.
+
+    The fused turn rate lies between that of the wheels and that of the gyro.
+    """
+    kinematics = TSD.kinematics()
+    for by_wheels in np.linspace(1.0, -1.0, 21):
+        odometry = GyroOdometry(ROBOT, GYRO)
+        for turn_rate in (2.0, by_wheels):
+            joints = kinematics.inverse(np.array([0.0, 0.0, turn_rate]))
+            motion = kinematics.forward(joints, np.zeros_like(joints))
+            for _ in range(20):
+                odometry.follow(joints, np.array([2.0]), motion, DT_S)
+                fused = float(odometry.motion.twist[2])
+                assert min(turn_rate, 2.0) - 1e-6 <= fused <= 2.0 + 1e-6
+                assert np.linalg.norm(odometry.motion.twist[:2]) < 0.1

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from tsd_twin import robots
 from tsd_twin.estimation import PlanarOdometry, exponential_error
+from tsd_twin.estimation.joint_errors import FloorEffects
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import FloorErrors, JointErrors
 
@@ -314,7 +315,7 @@ def test_wheels_that_change_their_speed_turn_the_robot() -> None:
     """By the lag at the mean speed, times the turn rate equivalent to the change of the spin."""
     floor = FloorErrors(SPIN_RAD_PER_S, slip_lag_s=0.01, turn_per_spin=0.001)
     at_rest = DRIVE.inverse(np.zeros(3))
-    shares = [*[1.0] * 20, *np.linspace(1.0, 2.0, 50), *[2.0] * 30]
+    shares = [*[1.0] * 20, *np.linspace(1.0, 2.0, 50), *[2.0] * 80]
     joints = [np.where(at_rest == SPIN_RAD_PER_S, share * at_rest, 0.0) for share in shares]
     expected_rad = 0.01 * 1.5 * 3.0 * 0.001 * SPIN_RAD_PER_S
     turned_rad = spread_of(floor, joints)[2]
@@ -322,7 +323,8 @@ def test_wheels_that_change_their_speed_turn_the_robot() -> None:
     # It turns back when they slow down, except for a random quarter of the rate, which lasts 0.2 s,
     # in both changes of 0.5 s.
     left_rad = 0.25 * expected_rad * math.sqrt(2.0 * 0.2 / 0.5)
-    assert spread_of(floor, joints + joints[:20:-1])[2] == pytest.approx(left_rad, rel=0.1)
+    slower = joints + joints[:20:-1] + 30 * joints[:1]
+    assert spread_of(floor, slower)[2] == pytest.approx(left_rad, rel=0.1)
     # It does not turn at constant wheel speed.
     assert spread_of(floor, joints + 100 * joints[-1:])[2] == pytest.approx(turned_rad, rel=1e-6)
 
@@ -340,6 +342,51 @@ def test_a_robot_that_has_stopped_does_not_slide_on() -> None:
     assert spread_of(floor, joints + 200 * joints[-1:])[0] == pytest.approx(
         spread_of(floor, joints)[0], rel=1e-3
     )
+
+
+def slid_m(lag_s: float, grip_mps2: float, wheels_mps: Sequence[float], dt_s: float) -> float:
+    """Way by which a body gains on its braking wheels: Euler steps of its equation of motion."""
+    body_mps, way_m = wheels_mps[0], 0.0
+    for speed_mps in wheels_mps:
+        slip_mps = body_mps - speed_mps
+        body_mps -= dt_s * grip_mps2 * slip_mps / (abs(slip_mps) + lag_s * grip_mps2)
+        way_m += dt_s * slip_mps
+    return way_m
+
+
+@unhurried
+@given(lag_s=st.floats(0.01, 0.1), grip_mps2=st.floats(1.0, 20.0), brakes_mps2=st.floats(3.0, 8.0))
+def test_a_robot_slides_on_until_friction_has_stopped_it(
+    lag_s: float, grip_mps2: float, brakes_mps2: float
+) -> None:
+    """Also if the wheels demand more than the floor transmits."""
+    fine_s, step_s = 1e-3, 0.02
+    speeds = np.maximum(1.0 - brakes_mps2 * fine_s * np.arange(3000), 0.0)
+    floor = FloorEffects(
+        np.array([True]), FloorErrors(slip_lag_s=lag_s, grip_per_s2=(grip_mps2, grip_mps2, 1e3))
+    )
+    spin, way_m = np.array([1.0]), 0.0
+    for _ in range(200):
+        floor.follow(np.array([1.0, 0.0, 0.0]), spin, step_s)
+    for speed_mps in speeds[:: round(step_s / fine_s)]:
+        floor.follow(np.array([speed_mps, 0.0, 0.0]), spin, step_s)
+        way_m += step_s * float(floor.of_twist(spin)[0, 1])
+    assert way_m == pytest.approx(slid_m(lag_s, grip_mps2, speeds.tolist(), fine_s), rel=0.1)
+
+
+def test_without_a_limit_a_robot_slides_by_the_lag_times_the_change_of_its_speed() -> None:
+    """For steps of any length and changes in any direction."""
+    random, spin, way, twist = np.random.default_rng(0), np.array([1.0]), np.zeros(3), np.zeros(3)
+    floor = FloorEffects(
+        np.array([True]), FloorErrors(slip_lag_s=0.03, grip_per_s2=(1e5, 1e5, 1e5))
+    )
+    for i in range(400):
+        if i < 20:
+            twist = np.array([*random.normal(size=2), 0.0])
+        dt_s = float(random.uniform(0.002, 0.2))
+        floor.follow(twist, spin, dt_s)
+        way -= dt_s * floor.of_twist(spin)[:, 1]
+    np.testing.assert_allclose(way, 0.03 * twist, rtol=2e-3)
 
 
 def test_without_noise_in_the_description_nothing_is_uncertain() -> None:

@@ -9,6 +9,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 
 from research.open_loop import BY_NAME, DEAD_WHEELS
+from tests.independent.built import Undeclared
 from tests.independent.drive import GYRO, JOINTS, MOUNTED, SPHERE_TWISTS, Cell, Row, run_rows
 
 MANOEUVRES = (
@@ -49,7 +50,8 @@ def _row(args: argparse.Namespace, robot: str, name: str, odometry: str, camera:
     place = ([*MANOEUVRES, *BY_NAME, *SPHERE_TWISTS]).index(name)
     first = args.seed + 1000 * place
     row = Row(robot, name, odometry, camera, args.errors, robots=args.count, first=first)
-    return replace(row, times_s=tuple(args.times))
+    floor = Undeclared(friction=args.friction)
+    return replace(row, times_s=tuple(args.times), undeclared=floor)
 
 
 def text(cells: list[Cell]) -> str:
@@ -66,6 +68,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=40, help="robots a row")
     parser.add_argument("--seed", type=int, default=9000, help="default 9000; 5000 is for tuning")
     parser.add_argument("--times", nargs="+", type=float, default=[2.0, 5.0, 20.0])
+    parser.add_argument("--friction", type=float, help="of the floor; default as described")
     parser.add_argument("--jobs", type=int, default=1)
     args = parser.parse_args()
     head = [label(JOINTS, ""), label(GYRO, ""), label(JOINTS, "c"), label(GYRO, "c"), DEAD_WHEELS]

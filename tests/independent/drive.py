@@ -117,7 +117,7 @@ def run_rows(rows: Sequence[Row]) -> list[list[Cell]]:
     cases = [
         _Case(
             row.robot, row.manoeuvre, row.errors, row.odometry, row.camera, "independent",
-            row.robots, row.first, row.times_s, tuple(row.declared.items()),
+            row.robots, row.first, row.times_s, changes=tuple(row.declared.items()),
         )
         for row in rows
     ]  # fmt: skip

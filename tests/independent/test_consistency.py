@@ -31,6 +31,8 @@ def declared(robot: str, **errors: float) -> dict[str, Any]:
     [
         few("tsd", "turn and translate", GYRO),
         few("tsd", "stops", JOINTS, undeclared=Undeclared(friction=0.35)),
+        few("tsd", "stops", GYRO, undeclared=Undeclared(friction=0.2)),
+        few("tsd", "reversals", GYRO, undeclared=Undeclared(friction=0.2)),
         few("tsd", "creep 0.02 m/s", JOINTS),
         few("kiwi", "turn and translate", GYRO),
         few("kiwi", "figure eight", JOINTS, declared=declared("kiwi", mount_deg=0.5)),
@@ -40,7 +42,9 @@ def declared(robot: str, **errors: float) -> dict[str, Any]:
         few("atlas", "spin", JOINTS),
         few("atlas", "wander", JOINTS, times_s=(5.0, 20.0)),
     ],
-    ids=lambda row: f"{row.robot} {row.manoeuvre} {row.odometry}",
+    ids=lambda row: (
+        f"{row.robot} {row.manoeuvre} {row.odometry} {row.undeclared.friction or 'described'}"
+    ),
 )
 def test_errors_are_as_large_as_the_covariance_says_on_another_plant(row: Row) -> None:
     """The mean normalized squared error of three numbers should be three."""

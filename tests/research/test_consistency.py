@@ -6,6 +6,7 @@ correct estimates exceeds the limits.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 
 from research.consistency import band
-from research.open_loop import CONSTANT, DEAD_WHEELS, GYRO, MOUNTED, Case, run_case
+from research.open_loop import CONSTANT, DEAD_WHEELS, GYRO, JOINTS, MOUNTED, Case, run_case
 from research.sphere import compare_sphere
 from tests.support.experiment_runs import is_picture, run
 from tsd_twin.errors import TwinError
@@ -64,6 +65,17 @@ def test_rigid_bodies_slide_no_further_than_the_covariance_says(
     assert result.heading_coverage.mean() > 0.6
 
 
+@pytest.mark.parametrize(("odometry", "friction"), [(JOINTS, 0.35), (GYRO, 0.2), (GYRO, 0.35)])
+def test_braking_on_a_slippery_floor_slides_no_further_than_the_covariance_says(
+    odometry: str, friction: float
+) -> None:
+    """A floor that transmits 2.0 or 3.4 m/s², starts at 4 m/s² and stops at 6 m/s²."""
+    case = Case("tsd", "stops", 1.0, odometry, plant="mujoco", seeds=10, first=700, times_s=(5.0,))
+    result = run_case(replace(case, friction=friction))
+    assert (result.means > 1.0).all()
+    assert (result.means < 5.5).all()
+
+
 def test_a_camera_that_is_2_cm_off_is_within_what_is_claimed() -> None:
     result = run_case(few("tsd", "standing", seeds=3, camera=CONSTANT))
     assert (result.means < 10.0).all()
@@ -101,6 +113,7 @@ def test_the_experiment_prints_a_cell_for_each_case_and_writes_the_table(tmp_pat
         (["--robots", "atlas", "--manoeuvres", "circle"], "atlas has no manoeuvre 'circle'"),
         (["--manoeuvres", "fly"], "no manoeuvre 'fly'"),
         (["--robots", "kiwi", "--sensors", "dead wheels"], "the sensors 'dead wheels': joints"),
+        (["--robots", "tsd", "--friction", "0.35"], "tsd has no friction on this plant"),
     ],
 )
 def test_what_cannot_be_driven_is_refused(tmp_path: Path, flags: list[str], text: str) -> None:

@@ -8,6 +8,7 @@ Biases cover joint zeros, wheel speeds, friction on spinning wheels, and roller 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,22 @@ def acceleration(before: Array, twist: Array, elapsed_s: float) -> Array:
     return (twist - before) / elapsed_s + np.array([-omega * vy, omega * vx, 0.0])
 
 
+def slip_of(push: Array, lag_s: float, elapsed_s: float, grip_per_s2: Sequence[float]) -> Array:
+    """Return the slip (3,) between wheels and body after a step in which they gain on the body.
+
+    Wheels gain `push` (3,) per second, and the floor accelerates the body by `grip_per_s2` times
+    s / (s + `lag_s`), with the slip s in units of `grip_per_s2`. The step is implicit, so that the
+    body slides equally far in steps of any length.
+    """
+    pushed = float(np.linalg.norm(push / grip_per_s2))
+    if lag_s * pushed < _NO_SLIP_S:
+        return np.zeros(3)
+    half = 0.5 * (lag_s + elapsed_s * (1.0 - pushed))
+    root = math.sqrt(half * half + elapsed_s * lag_s * pushed)
+    slip_s = elapsed_s * lag_s * pushed / (half + root) if half > 0.0 else root - half
+    return slip_s / pushed * push
+
+
 class FloorEffects:
     """Systematic floor effects on a robot with continuously spinning wheels (1σ).
 
@@ -79,10 +96,10 @@ class FloorEffects:
         spin = joints[self._is_speed]
         last_spin = spin if self._spin_rad_per_s is None else self._spin_rad_per_s
         self._twist, self._spin_rad_per_s = twist, spin
-        push = acceleration(before, twist, elapsed_s)
+        push = acceleration(before - self._slip, twist, elapsed_s)
         push[2] += errors.turn_per_spin * float((spin - last_spin).sum()) / elapsed_s
         speed = 0.5 * float((spin + last_spin).mean()) / errors.at_rad_per_s
-        self._slip = speed * errors.slip_lag_s * push
+        self._slip = slip_of(push, speed * errors.slip_lag_s, elapsed_s, errors.grip_per_s2)
         # Kinetic energy gained by the robot is taken from the wheels until the motors restore it.
         gained = errors.droop_s2_per_m2 * float(twist[:2] @ twist[:2] - before[:2] @ before[:2])
         restore_s = errors.restore_up_s if self._droop + gained > 0.0 else errors.restore_down_s
@@ -124,6 +141,8 @@ class FloorEffects:
         return -speed * self.errors.turn_rad_per_s
 
 
+_NO_SLIP_S = 1e-9
+"""Time for which a floor accelerates a body at full grip, below which slip is treated as zero."""
 _MIN_SPEED = 0.1
 """Wheel speed relative to `at_rad_per_s` below which wheels do not drive the robot."""
 _NO_DROOP = 1e-6
@@ -171,8 +190,9 @@ class RollerCreep:
 
 
 _UNEVEN_SHARE = 0.25
-"""Slip during one acceleration that does not cancel in the next, relative to its size: friction
-saturates, so hard braking slides further than a gentle start. Tuned on seeds 5000 and up."""
+"""Slip during one acceleration that does not cancel in the next, relative to its size: hard braking
+slides further than a gentle start, in a proportion that depends on friction. Tuned on seeds 5000
+and up."""
 _UNEVEN_S = 0.2
 """Typical duration of an acceleration."""
 
@@ -232,6 +252,11 @@ class JointBiases:
     def follows_heading(self) -> bool:
         """Whether the errors of the twist change as the robot turns, even with constant joints."""
         return self._slope_mps2 > 0.0 and self.floor is not None
+
+    @property
+    def common(self) -> int | None:
+        """Index of the common error of all wheel speeds, or None without one."""
+        return self._floor_from - 1 if self._has_common else None
 
     @property
     def _floor_from(self) -> int:

@@ -111,6 +111,7 @@ class GyroOdometry(PlanarOdometry):
         self._delayed = DelayedReadings(robot.delay_s)
         self._at_refresh: tuple[Array, Array] = (np.zeros(3), np.zeros(3))
         """Twist at the last refresh, and its rate of change in body axes."""
+        self._wheel_twist_at_refresh: Array = np.zeros(3)
         self._turned_rad = 0.0
         """Angle turned since the last refresh."""
         self._bias, self._noise_rad_per_s = gyro.bias_rad_per_s, gyro.noise_rad_per_s
@@ -126,17 +127,17 @@ class GyroOdometry(PlanarOdometry):
 
     def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:
         """Update with joints (n,) and turn rate (1,), measured `dt_s` after the last ones."""
-        rate = self._mean_rate(sensors, dt_s)
+        rate, by_wheels = self._mean_rate(sensors, dt_s), motion.twist
         reads = math.isfinite(rate)
-        self._compare(rate, float(motion.twist[2]))
+        self._compare(rate, float(by_wheels[2]))
         if reads:
-            covariance = self._wheels_covariance(motion.twist)
-            twist, _ = with_gyro(motion.twist, covariance, np.array(rate), self._sigma(rate))
+            covariance = self._wheels_covariance(by_wheels)
+            twist, _ = with_gyro(by_wheels, covariance, np.array(rate), self._sigma(rate))
             motion = TwistSolution(twist, motion.residual)
         self._turned_rad += abs(float(motion.twist[2])) * dt_s
         if reads is not self._reads or self._turned_rad > _REFRESH_RAD:
             self._reads, self._until_refresh = reads, 0
-        self._move(motion, joints, dt_s)
+        self._move(motion, joints, dt_s, by_wheels)
 
     def coast(self, step: CoastStep, dt_s: float) -> None:
         """Advance by a step in which neither joints nor gyro were measured."""
@@ -182,11 +183,12 @@ class GyroOdometry(PlanarOdometry):
         common error of all wheels, proportional to the twist, must not lag behind, because it would
         always err to the same side.
         """
-        if not self._wheels.covariance.any():
-            return self._wheels.covariance  # Wheels that are off have no errors.
-        stale, share = self._at_refresh[0], self._common_share
-        change = np.outer(twist, twist) - np.outer(stale, stale)
-        return self._wheels.covariance + share * share * change
+        wheels, column = self._wheels, self._joint_biases.common
+        if column is None or not wheels.covariance.any():
+            return wheels.covariance  # Wheels that are off have no errors.
+        before = wheels.bias_jacobian[:, column]
+        now = before + self._common_share * (twist - self._wheel_twist_at_refresh)
+        return wheels.covariance + np.outer(now, now) - np.outer(before, before)
 
     def set_common_speed_share(self, share: float) -> None:
         """Set the standard deviation of the common error of all wheel speeds, before they turn."""
@@ -203,7 +205,7 @@ class GyroOdometry(PlanarOdometry):
 
     def _twist_errors(self, joints: Array, dt_s: float) -> TwistErrors:
         wheels = super()._twist_errors(joints, dt_s)
-        self._wheels = wheels
+        self._wheels, self._wheel_twist_at_refresh = wheels, self._wheel_twist
         self._turned_rad = 0.0
         before, twist = self._at_refresh[0], self.motion.twist
         changed_s = self._refreshed_after_s or dt_s

@@ -122,6 +122,8 @@ class WheelOdometry(Generic[PoseT]):
         self.pose: PoseT = kinematics.pose_type.identity()
         self.motion = TwistSolution(np.zeros(3), np.zeros(0))
         """Mean motion during the last step."""
+        self._wheel_twist: Array = np.zeros(3)
+        """(3,): mean twist during the last step from the wheels alone."""
         self.errors = TwistErrors.none(count)
         """Errors of the twist; larger if joints are inconsistent."""
         self.uncertainty: PoseUncertainty[PoseT, Any] = _UNCERTAINTY[pose_type](count)
@@ -218,9 +220,15 @@ class WheelOdometry(Generic[PoseT]):
         self._solved_for = same
         return self._kinematics.forward(joints, rates)
 
-    def _move(self, motion: TwistSolution, joints: Array, dt_s: float) -> None:
-        """Advance by `dt_s` with the mean `motion`; `joints` (n,) are at the midpoint."""
+    def _move(
+        self, motion: TwistSolution, joints: Array, dt_s: float, by_wheels: Array | None = None
+    ) -> None:
+        """Advance by `dt_s` with the mean `motion`; `joints` (n,) are at the midpoint.
+
+        `by_wheels` (3,) is the twist from the wheels alone, if another sensor corrected the motion.
+        """
         before, twist = self.pose, motion.twist
+        self._wheel_twist = twist if by_wheels is None else by_wheels
         self._before_outage = None
         self._means = (self._means[1] if self._moved else None, twist)
         self._moved = True
@@ -239,7 +247,7 @@ class WheelOdometry(Generic[PoseT]):
         is_steady = not self._joint_biases.follows_heading
         if floor is not None:
             was_steady = floor.is_steady
-            floor.follow(self.motion.twist, joints, self._since_refresh_s)
+            floor.follow(self._wheel_twist, joints, self._since_refresh_s)
             is_steady = is_steady and was_steady and floor.is_steady
         self._refreshed_after_s, self._since_refresh_s = self._since_refresh_s, 0.0
         if now != self._refreshed_for or not is_steady:

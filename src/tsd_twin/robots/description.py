@@ -153,6 +153,8 @@ class FloorErrors:
     wheel speed."""
     slip_lag_s: float = 0.0
     """Lag: time by which the motion lags the joints; proportional to the wheel speed."""
+    grip_per_s2: tuple[float, float, float] = (1e3, 1e3, 1e3)
+    """Lag: acceleration (m/s², rad/s²) at which the floor saturates."""
     droop_s2_per_m2: float = 0.0
     """Lost energy: relative loss of wheel speed per change of the squared robot speed, when the
     robot accelerates; falls with the square of the wheel speed."""
