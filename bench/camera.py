@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -26,9 +27,11 @@ from tsd_twin.camera.tracker import (
 )
 from tsd_twin.lie import SE2, Array
 
+Scene: TypeAlias = list[tuple[Body, Array]]
+"""Robots with their poses during an exposure."""
 _WIDTH, _HEIGHT, _ACROSS_DEG, _ABOVE_M = 1280, 720, 60.0, 2.5
 _WHOLE = Window(0, 0, _WIDTH, _HEIGHT)
-_PERIOD_S = 1.0 / 30.0
+PERIOD_S = 1.0 / 30.0
 _DRAWING, _FINDING = 0.2, 0.35
 """Fractions of a core that are allowed."""
 _RADIUS_M, _SPEED_MPS = 0.25, 0.5
@@ -40,19 +43,9 @@ _ENOUGH = 0.95
 def rows(run: Run) -> Iterator[Row]:
     """Measure robots on circles under an ideal lens."""
     cv2.setNumThreads(1)  # As in tsd-camera.
-    solids = robot_solids(robots.load_robot("tsd"))
-    tags = [Tag(i, 0.16, f"lab{i}", height_m(solids)) for i in range(len(_CENTRES_M))]
-    bodies = [Body(solids, [tag]) for tag in tags]
-    view = View(Lens.ideal(_WIDTH, _HEIGHT, _ACROSS_DEG), CameraPlace.looking_down(_ABOVE_M))
-    camera = SimulatedCamera(view)
-    setup = CameraSetup(
-        view.lens, view.place, tags=tuple(tags), exposure_s=camera.sensor.exposure_s
-    )
-    stamps_s = [_PERIOD_S * i for i in range(int(run.pick(60, 15)))]
-    scenes = [
-        [(body, _exposed(i, at_s, setup.exposure_s)) for i, body in enumerate(bodies)]
-        for at_s in stamps_s
-    ]
+    stamps_s = [PERIOD_S * i for i in range(int(run.pick(60, 15)))]
+    camera, setup, scenes = driving_robots(stamps_s)
+    tags = setup.tags
     pictures = [camera.draw(scene) for scene in scenes]
 
     def draw() -> None:
@@ -67,7 +60,7 @@ def rows(run: Run) -> Iterator[Row]:
     found = sum(len(each.poses) for each in seen)
     if found < _ENOUGH * len(tags) * len(seen):
         raise AssertionError(f"{found} robots found in {len(seen)} pictures of {len(tags)}")
-    whole = round(WHOLE_PICTURE_S / _PERIOD_S)
+    whole = round(WHOLE_PICTURE_S / PERIOD_S)
     windows = [
         [_window(each.corners) for each in observation.sightings] if i % whole else [_WHOLE]
         for i, observation in enumerate(seen)
@@ -83,7 +76,7 @@ def rows(run: Run) -> Iterator[Row]:
         work()
         return [1e3 * (time.thread_time() - start_s) / len(pictures)]
 
-    period_ms = 1e3 * _PERIOD_S
+    period_ms = 1e3 * PERIOD_S
     yield from run.alternate(
         ["camera.draw"], lambda: picture_ms(draw), lambda: [_DRAWING * period_ms]
     )
@@ -91,6 +84,23 @@ def rows(run: Run) -> Iterator[Row]:
         ["camera.find"], lambda: picture_ms(find), lambda: [_FINDING * period_ms]
     )
     yield from run.alternate(["camera.poses"], lambda: picture_ms(find), lambda: picture_ms(opencv))
+
+
+def driving_robots(stamps_s: Sequence[float]) -> tuple[SimulatedCamera, CameraSetup, list[Scene]]:
+    """Return a camera above three robots, its setup, and the robots in each exposure."""
+    solids = robot_solids(robots.load_robot("tsd"))
+    tags = [Tag(i, 0.16, f"lab{i}", height_m(solids)) for i in range(len(_CENTRES_M))]
+    bodies = [Body(solids, [tag]) for tag in tags]
+    view = View(Lens.ideal(_WIDTH, _HEIGHT, _ACROSS_DEG), CameraPlace.looking_down(_ABOVE_M))
+    camera = SimulatedCamera(view)
+    setup = CameraSetup(
+        view.lens, view.place, tags=tuple(tags), exposure_s=camera.sensor.exposure_s
+    )
+    scenes = [
+        [(body, _exposed(i, at_s, setup.exposure_s)) for i, body in enumerate(bodies)]
+        for at_s in stamps_s
+    ]
+    return camera, setup, scenes
 
 
 def _exposed(number: int, time_s: float, exposure_s: float) -> Array:

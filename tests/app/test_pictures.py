@@ -11,14 +11,17 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from tests.app.test_axe import findings
 from tests.support.browser import FLAGS_WITHOUT_SCENE, PATIENCE_MS, get_ready, press
+from tests.support.link_sockets import free_port
 from tests.support.programs import Program
 from tests.support.robot_node import patient_robot
 from tests.support.withheld import budget
+from tsd_twin.dashboard.gateway.pictures import MAX_SOCKETS
 
 pytestmark = [
     pytest.mark.system,
@@ -38,6 +41,31 @@ _PRESSES, _PRESS_MS = 10, 6000.0
 DRAWN = """(canvas) => {
   const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
   return canvas.width > 100 && new Set(data).size > 20;
+}"""
+THIN = "delay=5ms,bandwidth=6Mbit"
+"""Link that carries no JPEG of the camera's size; the simulated one has 60 kB."""
+COUNT_PICTURES = """
+window.counts = { jpeg: 0, h264: 0 };
+window.breaks = false;
+const decode = VideoDecoder.prototype.decode;
+VideoDecoder.prototype.decode = function (chunk) {
+  if (window.breaks) throw new DOMException("as if reclaimed");
+  decode.call(this, chunk);
+};
+const create = window.createImageBitmap;
+window.createImageBitmap = async (from) => {
+  const bitmap = await create(from);
+  window.counts[from instanceof VideoFrame ? "h264" : "jpeg"] += 1;
+  return bitmap;
+};
+"""
+SMALL = """(canvas) => {
+  const [width, height] = [32, 18];
+  const small = Object.assign(document.createElement("canvas"), { width, height });
+  const context = small.getContext("2d");
+  context.imageSmoothingQuality = "high";
+  context.drawImage(canvas, 0, 0, width, height);
+  return Array.from(context.getImageData(0, 0, width, height).data.filter((_, i) => i % 4 < 3));
 }"""
 
 
@@ -60,10 +88,11 @@ def camera(start: Start, bus: str) -> Program:
 
 
 @contextmanager
-def opened(browser: Browser, url: str) -> Generator[Page]:
+def opened(browser: Browser, url: str, script: str = "") -> Generator[Page]:
     page = browser.new_page(viewport={"width": 1280, "height": 720}, reduced_motion="reduce")
     failures: list[str] = []
     page.on("pageerror", lambda error: failures.append(str(error)))
+    page.add_init_script(script)
     page.goto(url)
     yield page
     page.close()
@@ -175,6 +204,30 @@ def test_driving_ends_where_the_picture_that_one_drives_by_stops(
         page.keyboard.up("w")
         page.get_by_role("radio", name="3-D").click()
         expect(pane(page)).to_be_hidden()
+
+
+@pytest.mark.usefixtures("camera")
+def test_a_thin_link_shows_the_same_by_h264_as_by_jpeg_after_the_decoder_fails(
+    start: Start, browser: Browser, bus: str
+) -> None:
+    near = f"127.0.0.1:{free_port()}"
+    flags = ("--port", "0", "--connect", bus, "--allow-host", near)
+    url = start("tsd_dashboard", *flags).ready().split()[1]
+    target = url.replace("http://", "tcp/").rstrip("/")
+    start("tsd_link", "--link", THIN, "--target", target, "--listen", f"tcp/{near}").ready()
+    with opened(browser, f"http://{near}/", COUNT_PICTURES) as page:
+        press(page, "Camera as main view")
+        page.wait_for_function("() => counts.h264 > 30", timeout=PATIENCE_MS)
+        shows_a_picture(page)
+        canvas = pane(page).get_by_role("img", name="Picture of the camera")
+        by_h264 = np.array(canvas.evaluate(SMALL))
+        page.evaluate("breaks = true; counts.jpeg = counts.h264 = 0")
+        page.wait_for_function("() => counts.jpeg > 30", timeout=PATIENCE_MS)
+        by_jpeg = np.array(canvas.evaluate(SMALL))
+        assert page.evaluate("counts.h264") <= MAX_SOCKETS  # Those in flight.
+        assert np.corrcoef(by_h264, by_jpeg)[0, 1] > 0.7
+        assert np.abs(by_h264 - by_jpeg).mean() < 3.0
+        expect(age(page)).to_have_text(AGE)
 
 
 @pytest.mark.usefixtures("camera")

@@ -14,7 +14,7 @@ import pytest
 import simplejpeg
 
 from tsd_twin.bus import Bus
-from tsd_twin.dashboard.pictures.feed import HEADER, CameraFeed, PictureSession, Viewer
+from tsd_twin.dashboard.pictures.feed import HEADER, CameraFeed, Encoders, PictureSession, Viewer
 from tsd_twin.messages.pictures import CameraName, CompressedImage, encode_picture
 from tsd_twin.messages.topics import Sample
 
@@ -43,7 +43,7 @@ def run(work: Callable[[CameraFeed], Coroutine[Any, Any, None]]) -> None:
 
     async def main() -> None:
         with ThreadPoolExecutor(1) as encoder:
-            await work(CameraFeed(CEILING, PictureSession(opened), encoder))
+            await work(CameraFeed(CEILING, PictureSession(opened), Encoders(encoder)))
 
     asyncio.run(asyncio.wait_for(main(), 10.0))
 

@@ -142,13 +142,13 @@ def test_sockets_of_one_page_take_turns() -> None:
 
 def test_a_size_is_encoded_once_for_all_who_ask_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
     encoded: list[int] = []
-    encode = feed._encode
+    encode = feed.jpeg_of
 
     def counted(*arguments: Any) -> bytes:
         encoded.append(1)
         return encode(*arguments)
 
-    monkeypatch.setattr(feed, "_encode", counted)
+    monkeypatch.setattr(feed, "jpeg_of", counted)
 
     async def work(camera: OneCamera, cameras: Cameras) -> None:
         (one,) = cameras.feeds.values()

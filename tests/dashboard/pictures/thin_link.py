@@ -1,8 +1,9 @@
 """Pictures and commands of a page over an emulated link, in virtual time.
 
 Links and budget are the real ones; camera, page and dashboard are reduced to their messages.
-`python -m tests.dashboard.pictures.thin_link SECONDS SEEDS LAG_MS [LINK]` prints each run; programs
-react to each message after a random time of this mean.
+`python -m tests.dashboard.pictures.thin_link SECONDS SEEDS LAG_MS [LINK [CODING]]` prints each run.
+Programs react to each message after a random time of this mean. CODING is `jpeg`, `h264` or
+`chain`: H.264 with one encoder for all WebSockets.
 """
 
 from __future__ import annotations
@@ -19,7 +20,12 @@ from typing import Any, TypeAlias, cast
 
 import numpy as np
 
-from tsd_twin.dashboard.pictures.link_budget import FORMATS, LinkBudget, PictureFormat
+from tsd_twin.dashboard.pictures.link_budget import (
+    FORMATS,
+    VIDEO_FORMATS,
+    LinkBudget,
+    PictureFormat,
+)
 from tsd_twin.link_emulation import LinkSpec
 from tsd_twin.link_emulation.channel import LinkChannel
 from tsd_twin.link_emulation.link import LinkModel, Segment, Stream
@@ -28,8 +34,14 @@ from tsd_twin.link_emulation.relays import SEGMENT_BYTES, TCP_HEADER_BYTES
 THIN = "delay=45ms,loss=2%,bandwidth=2Mbit"
 OLD_S = 0.3
 OWN_BYTES, OWN_WIDTH = 48_000, 1280
-SIZES = dict(zip(FORMATS, (48_000, 25_800, 14_100, 10_800, 7_300, 6_100, 3_800), strict=True))
-"""Bytes of the pictures of `bench.pictures` in each format."""
+SIZES = dict(
+    zip(
+        FORMATS + VIDEO_FORMATS,
+        (48_000, 25_800, 14_100, 10_800, 7_300, 6_100, 3_800, 9_700, 3_600, 2_200, 1_500, 970),
+        strict=True,
+    )
+)
+"""Bytes of the pictures of `bench.pictures` in each format; with H.264, the largest mean."""
 CAMERA_HZ, STATES_HZ, HEARTBEATS_HZ = 30.0, 20.0, 10.0
 STATE_BYTES, HEARTBEAT_BYTES, REQUEST_BYTES = 1500, 90, 70
 ARRIVAL_S, ENCODED_S, DECODED_S, FRAME_S = 0.012, 0.006, 0.006, 1.0 / 60.0
@@ -149,7 +161,10 @@ class Page:
         pictures: bool = True,
         lag_s: float = 0.0,
         width: int = 1280,
+        video: bool = False,
+        in_order: bool = False,
     ) -> None:
+        """`in_order`: each picture depends on all before, of which others may be in flight."""
         self.loop, self.lag_s, self.width = VirtualLoop(), lag_s, width
         self.random = np.random.default_rng((seed, 2))
         parsed = LinkSpec.parse(spec)
@@ -158,6 +173,8 @@ class Page:
         self.outcome = Outcome(seconds)
         self._trips: deque[float] = deque(maxlen=50)
         self._newest = self._sent = self._shown = 0
+        self._video, self._in_order = video, in_order
+        self._flying, self._arrived = set[int](), set[int]()
         self._exposed: dict[int, float] = {}
         self._shown_exposed_s = -math.inf
         self._waiting: deque[int] = deque()
@@ -242,9 +259,10 @@ class Page:
             return
         socket, number = self._waiting.popleft(), self._newest
         self._sent = number
-        chosen = self.budget.format_for(OWN_BYTES, OWN_WIDTH, self.width)
+        chosen = self.budget.format_for(OWN_BYTES, OWN_WIDTH, self.width, video=self._video)
         size = self._size(chosen)
         self._is_encoding = True
+        self._flying.add(number)
         self._later(partial(self._encoded, socket, number, chosen, size), ENCODED_S)
 
     def _size(self, chosen: PictureFormat) -> int:
@@ -253,7 +271,8 @@ class Page:
     def _encoded(self, socket: int, number: int, chosen: PictureFormat, size: int) -> None:
         self._is_encoding = False
         now_s = self.loop.time()
-        self.budget.encoded(chosen, OWN_BYTES, size)
+        if not chosen.is_video:
+            self.budget.encoded(chosen, OWN_BYTES, size)
         self.budget.sent(size, now_s)
         width = OWN_WIDTH * chosen.eighths // 8
         taken = partial(self._take, socket, number, size, now_s, width)
@@ -271,10 +290,15 @@ class Page:
 
         def decoded() -> None:
             self._ask(socket, acknowledge)
-            if number > self._shown:
-                self._shown = number
+            self._flying.discard(number)
+            self._arrived.add(number)
+            complete = min(self._flying, default=math.inf) if self._in_order else math.inf
+            latest = max((each for each in self._arrived if each < complete), default=0)
+            if latest > self._shown:
+                self._shown = latest
+                self._arrived = {each for each in self._arrived if each > latest}
                 due_s = math.ceil(self.loop.time() / FRAME_S) * FRAME_S
-                self.loop.call_at(due_s, partial(self._show, self._exposed[number], width))
+                self.loop.call_at(due_s, partial(self._show, self._exposed[latest], width))
 
         self.loop.call_later(DECODED_S, decoded)
 
@@ -310,8 +334,10 @@ def main() -> None:
     seconds, seeds = float(sys.argv[1]), int(sys.argv[2])
     lag_s = 1e-3 * float(sys.argv[3])
     spec = sys.argv[4] if len(sys.argv) > 4 else THIN
+    coding = sys.argv[5] if len(sys.argv) > 5 else "jpeg"
+    video, in_order = coding != "jpeg", coding == "chain"
     for seed in range(seeds):
-        seen = Page(spec, seed, seconds, lag_s=lag_s).run()
+        seen = Page(spec, seed, seconds, lag_s=lag_s, video=video, in_order=in_order).run()
         alone = Page(spec, seed, seconds, lag_s=lag_s, pictures=False).run()
         trips = [1e3 * np.percentile(each.trips_s, [50, 90, 99]) for each in (seen, alone)]
         sys.stdout.write(

@@ -1163,6 +1163,8 @@ export interface PictureRequest {
   rtt_ms: number;
   /** Time from the arrival of the previous picture to this request. */
   held_ms: number;
+  /** Whether the page can show H.264. */
+  h264: boolean;
 }
 
 /** Details of a recording, read in the background. */

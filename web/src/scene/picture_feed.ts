@@ -7,6 +7,7 @@ import type { Drive } from "../drive/drive";
 import { type Link, socketAddress } from "../store/link";
 import { isFlag, isText, remembered } from "../store/memory";
 import { answer } from "../timeline/library";
+import { decodesH264, JPEG, PictureDecoder } from "./picture_decoder";
 
 /** From this age on a picture is marked, and a robot that is driven by it slows down. */
 export const LATE_MS = 300;
@@ -16,7 +17,7 @@ export const OLD_MS = 1000;
 const MAX_SOCKETS = 8; // A lost packet stalls a single socket.
 const ADD_AFTER_MS = 2000;
 const MANY_SKIPPED = 0.2; // Fraction of pictures that no free socket could take.
-const HEADER_BYTES = 24;
+const HEADER_BYTES = 28;
 const RETRY_MS = 1000;
 const DELAYS = 100;
 
@@ -65,6 +66,7 @@ export class PictureFeed {
   #addedMs = 0;
   #delays: number[] = [];
   #sockets = new Set<WebSocket>();
+  #h264 = false;
   #canvas: HTMLCanvasElement | null = null;
 
   constructor(
@@ -73,6 +75,7 @@ export class PictureFeed {
     isNarrow = false,
   ) {
     this.open = remembered("tsd-pictures", !isNarrow, isFlag);
+    void decodesH264().then((does) => (this.#h264 = does));
     const refresh = () => void this.#fetch();
     link.on("welcome", refresh);
     link.on("cameras_changed", refresh);
@@ -143,8 +146,10 @@ export class PictureFeed {
     socket.binaryType = "arraybuffer";
     this.#sockets.add(socket);
     socket.onopen = () => this.#ask(socket);
-    socket.onmessage = ({ data }) => void this.#take(socket, data as ArrayBuffer, key);
+    const decoder = new PictureDecoder();
+    socket.onmessage = ({ data }) => void this.#take(socket, decoder, data as ArrayBuffer, key);
     socket.onclose = () => {
+      decoder.close();
       if (!this.#sockets.delete(socket) || this.#sockets.size > 0) return;
       this.#delays = [];
       this.#number = 0;
@@ -160,20 +165,22 @@ export class PictureFeed {
       width: Math.round(this.widthPx),
       rtt_ms: Math.min(this.link.pageMs ?? 0, ...this.link.trips),
       held_ms: performance.now() - arrivedMs,
+      h264: this.#h264,
     };
     if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(request));
   }
 
-  async #take(socket: WebSocket, data: ArrayBuffer, key: string): Promise<void> {
+  async #take(socket: WebSocket, decoder: PictureDecoder, data: ArrayBuffer, key: string) {
     const arrivedMs = performance.now();
     const header = new DataView(data, 0, HEADER_BYTES);
     const [ageMs, sentMs] = [header.getFloat64(0, true), header.getFloat64(8, true)];
     const [number, outlines] = [header.getUint32(16, true), header.getUint32(20, true)];
+    const [coding, start] = [header.getUint32(24, true), HEADER_BYTES + outlines];
     this.#delays = [...this.#delays, arrivedMs - sentMs].slice(-DELAYS);
     const clockMs = Math.min(...this.#delays) - (this.link.pageMs ?? 0) / 2;
     this.#add(key, number);
-    const jpeg = new Blob([new Uint8Array(data, HEADER_BYTES + outlines)], { type: "image/jpeg" });
-    const bitmap = await createImageBitmap(jpeg).catch(() => null);
+    const bitmap = await decoder.decode(coding, number, new Uint8Array(data, start));
+    this.#h264 &&= bitmap !== null || coding === JPEG || !this.#sockets.has(socket);
     this.#ask(socket, arrivedMs);
     if (bitmap === null) return;
     const canvas = this.#canvas; // Without one the picture is not shown, so its age does not count.
@@ -183,7 +190,7 @@ export class PictureFeed {
     canvas.getContext("2d")?.drawImage(bitmap, 0, 0);
     bitmap.close();
     this.#exposedMs = sentMs + clockMs - ageMs;
-    this.outlines.value = parsed(data.slice(HEADER_BYTES, HEADER_BYTES + outlines));
+    this.outlines.value = parsed(data.slice(HEADER_BYTES, start));
   }
 
   /** Count a picture; open another socket where many wait for a free one. */

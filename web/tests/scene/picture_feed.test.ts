@@ -1,5 +1,6 @@
 import { beforeEach, expect, test, vi } from "vitest";
 import type { CameraEntry } from "../../src/generated/wire";
+import { GIVE_UP_MS } from "../../src/scene/picture_decoder";
 import { caution, LATE_MS, OLD_MS } from "../../src/scene/picture_feed";
 import { FakeSocket } from "../support/fake_socket";
 import { fakeBrowser, openPage } from "../support/page";
@@ -43,11 +44,12 @@ async function watched() {
     }
   };
   /** Deliver a picture of a given age to a socket. */
-  const picture = async (number: number, age_ms = 0, socket = pictureSocket()) => {
-    const data = new DataView(new ArrayBuffer(25));
+  const picture = async (number: number, age_ms = 0, socket = pictureSocket(), coding = 0) => {
+    const data = new DataView(new ArrayBuffer(29));
     data.setFloat64(0, age_ms, true);
     data.setFloat64(8, performance.now(), true);
     data.setUint32(16, number, true);
+    data.setUint32(24, coding, true);
     (socket.onmessage as (event: { data: unknown }) => void)({ data: data.buffer });
     await settle();
   };
@@ -191,3 +193,94 @@ test.each([
     expect(sockets.size).toBe(most);
   },
 );
+
+/** H.264: each picture depends on those before on its socket, from the latest key frame on. */
+const [H264, H264_KEY] = [1, 2];
+type Output = (frame: object) => void;
+const closed: number[] = [];
+
+/** A decoder of the browser; `decode` says when it outputs the frame of a chunk. */
+function stubDecoder(decode: (output: Output, error: () => void, chunk: object) => void) {
+  closed.length = 0;
+  class FakeDecoder {
+    static readonly isConfigSupported = async () => ({ supported: true });
+    state = "unconfigured";
+    constructor(readonly ends: { output: Output; error: () => void }) {}
+    configure() {
+      this.state = "configured";
+    }
+    decode({ timestamp }: { timestamp: number }) {
+      if (this.state === "unconfigured") throw new Error("a key frame is missing");
+      const frame = { timestamp, close: () => closed.push(timestamp) };
+      decode(this.ends.output, this.ends.error, frame);
+    }
+    close() {
+      this.state = "closed";
+    }
+  }
+  vi.stubGlobal("VideoDecoder", FakeDecoder);
+  vi.stubGlobal(
+    "EncodedVideoChunk",
+    class {
+      constructor(chunk: object) {
+        Object.assign(this, chunk);
+      }
+    },
+  );
+}
+
+const asked = (socket: FakeSocket) => socket.sent.splice(0).map(({ h264 }) => h264);
+
+test("a page without a decoder does not ask for H.264", async () => {
+  const { picture } = await watched();
+  await picture(1);
+  expect(new Set(asked(pictureSocket()))).toEqual(new Set([false]));
+});
+
+test("a picture by H.264 is drawn with its age, and its frame is closed", async () => {
+  stubDecoder((output, _, frame) => output(frame));
+  const { picture, pictures } = await watched();
+  const socket = pictureSocket();
+  await picture(1, 40, socket, H264_KEY);
+  await picture(2, 50, socket, H264);
+  expect(drawn).toHaveLength(2);
+  expect(closed).toEqual([1, 2]);
+  expect(pictures.ageMs()).toBeCloseTo(50);
+  expect(asked(socket).slice(-2)).toEqual([true, true]);
+});
+
+test.each([
+  ["fails", (_: Output, error: () => void) => error()],
+  ["holds pictures back", () => {}],
+  [
+    "is lost",
+    () => {
+      throw new Error("closed");
+    },
+  ],
+  ["outputs another frame", (output: Output) => output({ timestamp: 0, close() {} })],
+])("after a decoder that %s the page asks for JPEG, and the picture ages", async (_, decode) => {
+  stubDecoder(decode);
+  const { picture, pictures, wait } = await watched();
+  const socket = pictureSocket();
+  await picture(1);
+  await picture(2, 0, socket, H264_KEY);
+  await wait(GIVE_UP_MS + PERIOD_MS);
+  expect(drawn).toHaveLength(1);
+  expect(pictures.ageMs()).toBeGreaterThan(OLD_MS);
+  expect(asked(socket).slice(-2)).toEqual([true, false]);
+  await picture(3, 0, socket);
+  expect(drawn).toHaveLength(2);
+  expect(asked(socket)).toEqual([false]);
+});
+
+test("a picture that waits for its decoder while the camera is changed is no failure", async () => {
+  stubDecoder(() => {});
+  const { picture, pictures, wait } = await watched();
+  await picture(1, 0, pictureSocket(), H264_KEY);
+  pictures.choose(ABOVE.key);
+  await wait(GIVE_UP_MS + PERIOD_MS);
+  const socket = pictureSocket();
+  socket.onopen();
+  expect(asked(socket)).toEqual([true]);
+});

@@ -17,6 +17,7 @@ from tsd_twin.dashboard.gateway.auth import PRINCIPAL
 from tsd_twin.dashboard.gateway.recordings import json_response
 from tsd_twin.dashboard.gateway.socket_limits import Quota, SocketLimits, SocketReader
 from tsd_twin.dashboard.pictures.feed import Cameras, Viewer
+from tsd_twin.dashboard.pictures.h264 import H264Stream
 from tsd_twin.dashboard.sessions.principal import Principal
 from tsd_twin.dashboard.wire.pictures import CameraEntry, PictureRequest
 from tsd_twin.messages.pictures import CameraName
@@ -123,6 +124,7 @@ class PictureRoutes:
                     viewer.budget.add(credit.size, took_s, 1e-3 * asked.rtt_ms, now_s)
                     credit.size = 0
                 credit.width = min(max(asked.width, 1), _WIDEST)
+                credit.stream = (credit.stream or H264Stream()) if asked.h264 else None
                 credit.given.set()
         finally:
             sending.cancel()
@@ -136,6 +138,8 @@ class _Credit:
     sent_s: float = 0.0
     size: int = 0
     """Bytes of a picture that is not acknowledged by the next request."""
+    stream: H264Stream | None = None
+    """H.264 of this socket, while the page can show it."""
     given: asyncio.Event = field(default_factory=asyncio.Event)
 
 
@@ -143,7 +147,7 @@ async def _send(socket: web.WebSocketResponse, viewer: Viewer, credit: _Credit) 
     with contextlib.suppress(ConnectionError):
         while True:
             await credit.given.wait()
-            picture = await viewer.next(credit.width)
+            picture = await viewer.next(credit.width, credit.stream)
             credit.given.clear()
             credit.sent_s, credit.size = time.monotonic(), len(picture)
             await socket.send_bytes(picture)

@@ -8,14 +8,19 @@ import math
 import struct
 import time
 from collections.abc import AsyncGenerator, Callable, Mapping
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
+from enum import IntEnum
+from weakref import WeakSet
 
 import msgspec
+import numpy as np
 import simplejpeg
+from numpy.typing import NDArray
 
 from tsd_twin.bus import Bus
 from tsd_twin.dashboard.pictures.camera_clock import CameraClock
+from tsd_twin.dashboard.pictures.h264 import MAX_PIXELS, MIN_SIDE, H264Stream, is_available
 from tsd_twin.dashboard.pictures.link_budget import LinkBudget, PictureFormat
 from tsd_twin.errors import BusError
 from tsd_twin.messages.errors import MessageError
@@ -34,11 +39,22 @@ MAX_CAMERAS = 64
 LARGEST_OUTLINES = 8192
 MOST_PIXELS = 4096 * 4096
 """A JPEG of a few kilobytes may claim 65,535 x 65,535, and would be decoded into gigabytes."""
-HEADER = struct.Struct("<ddII")
+HEADER = struct.Struct("<ddIII")
 """Header of a picture to a page: age and time when it is sent, ms; sequence number; length of the
-outlines in bytes. Outlines and JPEG follow."""
+outlines in bytes; `Coding`. Outlines and picture follow."""
+MAX_VIDEOS = 4
+"""Most pages of a dashboard that get H.264, which is encoded for each."""
 _CLOCK_PERIOD_S = 1.0
 """Period of the questions for a camera's clock, and their timeout."""
+
+
+class Coding(IntEnum):
+    """Coding of a picture to a page."""
+
+    JPEG = 0
+    H264 = 1
+    """Depends on the pictures before on the same WebSocket, from the latest key frame on."""
+    H264_KEY = 2
 
 
 class _Outline(msgspec.Struct):
@@ -101,16 +117,33 @@ class PictureSession:
                 await asyncio.to_thread(self._bus.close)
 
 
+class Encoders:
+    """Threads that encode pictures, and the pages that get H.264."""
+
+    def __init__(self, threads: Executor) -> None:
+        self.threads = threads
+        self.videos = WeakSet[Viewer]()
+        self._is_available: Future[bool] | None = None
+
+    def permits_video(self, viewer: Viewer) -> bool:
+        """Return whether a page may get H.264; the first call only starts a check for PyAV."""
+        if self._is_available is None:
+            self._is_available = self.threads.submit(is_available)
+        if not (self._is_available.done() and self._is_available.result()):
+            return False
+        return viewer in self.videos or len(self.videos) < MAX_VIDEOS
+
+
 class CameraFeed:
     """A camera: subscribed to while it is watched; keeps the latest picture."""
 
-    def __init__(self, name: CameraName, session: PictureSession, encoder: Executor) -> None:
+    def __init__(self, name: CameraName, session: PictureSession, encoders: Encoders) -> None:
         self.name = name
         self.newest: Picture | None = None
         self.ground: GroundGrid | None = None
         """Where its pictures show the floor, if it is calibrated."""
         self.is_alive = True
-        self._session, self._encoder = session, encoder
+        self.encoders, self._session = encoders, session
         self._loop = asyncio.get_running_loop()
         self._clock = CameraClock()
         self._asked_s = -math.inf
@@ -157,9 +190,25 @@ class CameraFeed:
             return picture.jpeg
         if chosen not in picture.encoded:
             picture.encoded[chosen] = self._loop.run_in_executor(
-                self._encoder, _encode, picture, chosen
+                self.encoders.threads, jpeg_of, picture, chosen
             )
         return await asyncio.shield(picture.encoded[chosen])
+
+    async def filmed(
+        self, picture: Picture, chosen: PictureFormat, stream: H264Stream
+    ) -> tuple[bytes, Coding]:
+        """Return a picture as the next one of a stream.
+
+        Raises:
+            ValueError: If its data are broken.
+        """
+        most_bytes = chosen.bytes_share * len(picture.jpeg)
+
+        def encode() -> tuple[bytes, bool]:
+            return stream.encode(pixels_of(picture, chosen.eighths), most_bytes)
+
+        data, is_key = await self._loop.run_in_executor(self.encoders.threads, encode)
+        return data, Coding.H264_KEY if is_key else Coding.H264
 
     def _hand_over(self, sample: Sample) -> None:
         self._loop.call_soon_threadsafe(self._add, sample)
@@ -208,8 +257,11 @@ class Viewer:
         self._camera = camera
         self._number = 0
 
-    async def next(self, width: int) -> bytes:
-        """Wait for a picture that this page has not had, and return it with its header."""
+    async def next(self, width: int, stream: H264Stream | None = None) -> bytes:
+        """Wait for a picture that this page has not had, and return it with its header.
+
+        `stream` is the one of the socket, if the page can show H.264.
+        """
         while True:
             picture = await self._camera.newer_than(self._number)
             if picture.number <= self._number:
@@ -218,19 +270,40 @@ class Viewer:
                 await asyncio.sleep(waits_s)
                 continue  # A newer one may have come.
             self._number = picture.number
-            chosen = self.budget.format_for(len(picture.jpeg), picture.width, width)
+            chosen = self.budget.format_for(
+                len(picture.jpeg), picture.width, width, video=self._permits(picture, stream)
+            )
             try:
-                jpeg = await self._camera.encoded(picture, chosen)
+                data, coding = await self._encoded(picture, chosen, stream)
             except ValueError:
                 continue  # Broken after its header: the page waits for the next one.
             break
         now_s = time.monotonic()
         age_ms = 1000.0 * (now_s - picture.exposed_s)
-        header = HEADER.pack(age_ms, 1000.0 * now_s, picture.number, len(picture.outlines))
-        message = header + picture.outlines + jpeg
-        self.budget.encoded(chosen, len(picture.jpeg), len(message))
+        header = HEADER.pack(age_ms, 1000.0 * now_s, picture.number, len(picture.outlines), coding)
+        message = header + picture.outlines + data
+        if not chosen.is_video:
+            self.budget.encoded(chosen, len(picture.jpeg), len(message))
         self.budget.sent(len(message), now_s)
         return message
+
+    def _permits(self, picture: Picture, stream: H264Stream | None) -> bool:
+        height, width = picture.height, picture.width
+        if stream is None or min(height, width) < MIN_SIDE or height * width > MAX_PIXELS:
+            return False
+        return self._camera.encoders.permits_video(self)
+
+    async def _encoded(
+        self, picture: Picture, chosen: PictureFormat, stream: H264Stream | None
+    ) -> tuple[bytes, Coding]:
+        videos = self._camera.encoders.videos
+        if stream is not None and chosen.is_video:
+            videos.add(self)
+            return await self._camera.filmed(picture, chosen, stream)
+        videos.discard(self)
+        if stream is not None:
+            stream.end()
+        return await self._camera.encoded(picture, chosen), Coding.JPEG
 
 
 class Cameras:
@@ -242,7 +315,7 @@ class Cameras:
         """Called when a camera appears or disappears."""
         self._session = PictureSession(opened)
         self._loop = asyncio.get_running_loop()
-        self._encoder = ThreadPoolExecutor(1, "pictures")
+        self._encoders = Encoders(ThreadPoolExecutor(2, "pictures"))
         self._feeds: dict[str, CameraFeed] = {}
         for keys in ALIVE_KEYS:
             bus.subscribe_liveliness(keys, self._hand_over)
@@ -255,7 +328,7 @@ class Cameras:
 
     async def close(self) -> None:
         """Close the session, once nobody looks."""
-        self._encoder.shutdown(wait=False, cancel_futures=True)
+        self._encoders.threads.shutdown(wait=False, cancel_futures=True)
         await self._session.close()
 
     def _hand_over(self, key: str, there: bool) -> None:
@@ -279,7 +352,7 @@ class Cameras:
         if name is None or (there and len(self.feeds) >= MAX_CAMERAS):
             return
         if there:
-            self._feeds.setdefault(name.key, CameraFeed(name, self._session, self._encoder))
+            self._feeds.setdefault(name.key, CameraFeed(name, self._session, self._encoders))
         if name.key in self._feeds:
             self._feeds[name.key].is_alive = there
         # A page that watches a lost camera sees it again once it is back.
@@ -298,12 +371,26 @@ def _are_outlines(data: bytes) -> bool:
     return len(data) <= LARGEST_OUTLINES
 
 
-def _encode(picture: Picture, chosen: PictureFormat) -> bytes:
-    assert chosen.quality is not None  # noqa: S101  Otherwise there is nothing to encode.
-    height, width = (math.ceil(n * chosen.eighths / 8) for n in (picture.height, picture.width))
-    pixels = simplejpeg.decode_jpeg(
+def pixels_of(picture: Picture, eighths: int) -> NDArray[np.uint8]:
+    """Decode a picture in a smaller size; BGR.
+
+    Raises:
+        ValueError: If its data are broken.
+    """
+    height, width = (math.ceil(n * eighths / 8) for n in (picture.height, picture.width))
+    return simplejpeg.decode_jpeg(
         picture.jpeg, "BGR", fastdct=True, min_height=height, min_width=width
     )
+
+
+def jpeg_of(picture: Picture, chosen: PictureFormat) -> bytes:
+    """Return a picture as a smaller JPEG.
+
+    Raises:
+        ValueError: If its data are broken.
+    """
+    assert chosen.quality is not None  # noqa: S101  Otherwise there is nothing to encode.
+    pixels = pixels_of(picture, chosen.eighths)
     return simplejpeg.encode_jpeg(
         pixels, chosen.quality, "BGR", colorsubsampling="420", fastdct=True
     )

@@ -19,7 +19,7 @@ GOOD_HZ = 20.0
 At 15 Hz two lost pictures in a row make the one before older than 0.3 s, at 20 Hz three.
 """
 LEAST_HZ = 15.0
-"""Rate at which `FORMATS[-2]`, which still shows objects, is given up for the smallest format."""
+"""Rate at which the last but one format, which still shows objects, is given up for the last."""
 _RESERVE = 0.1
 """Further fraction of the link that must be free for a better format than the one before."""
 _LEAST_FRAMES, _MOST_FRAMES = 5, 60
@@ -31,12 +31,16 @@ _ROUND_TRIP_S = 60.0
 
 @dataclass(frozen=True, slots=True)
 class PictureFormat:
-    """Size in eighths of the camera's, and JPEG quality; without one, as the camera sent it."""
+    """Size in eighths of the camera's, and JPEG quality; without one, as the camera sent it.
+
+    H.264 has no such quality, but a largest size in bytes.
+    """
 
     eighths: int
     quality: int | None
     bytes_share: float
     """Typical size in bytes as a fraction of that of the camera's own JPEG, of quality 80."""
+    is_video: bool = False
 
 
 FORMATS = (
@@ -49,6 +53,18 @@ FORMATS = (
     PictureFormat(2, 35, 0.08),
 )
 """From the best to the smallest."""
+VIDEO_FORMATS = (
+    PictureFormat(8, None, 0.2, is_video=True),
+    PictureFormat(6, None, 0.075, is_video=True),
+    PictureFormat(4, None, 0.045, is_video=True),
+    PictureFormat(3, None, 0.03, is_video=True),
+    PictureFormat(2, None, 0.02, is_video=True),
+)
+"""H.264 from the best to the smallest: for links that do not carry the JPEG that a pane can show.
+
+JPEG is sharper, costs the dashboard less, and is the same for many pages.
+"""
+_LAST_BUT_ONE = FORMATS[-2], VIDEO_FORMATS[-2]
 
 
 class _Frame(NamedTuple):
@@ -64,7 +80,7 @@ class LinkBudget:
         self._frames: deque[_Frame] = deque(maxlen=_MOST_FRAMES)
         self._round_trips: deque[tuple[float, float]] = deque()
         """Times and round trips of the last minute that are below all later ones."""
-        self._shares = {each: each.bytes_share for each in FORMATS}
+        self._shares = {each: each.bytes_share for each in FORMATS + VIDEO_FORMATS}
         """Size of the latest picture in each format, as a fraction of the camera's."""
         self._before = FORMATS[-2]
         self._next_s = 0.0
@@ -100,24 +116,30 @@ class LinkBudget:
         all_s = sorted(each.took_s / each.size_bytes for each in self._frames)
         return all_s[len(all_s) // 8]
 
-    def format_for(self, own_bytes: int, own_width: int, width: int) -> PictureFormat:
+    def format_for(
+        self, own_bytes: int, own_width: int, width: int, *, video: bool = False
+    ) -> PictureFormat:
         """Return the best format that a pane of `width` pixels can show and the link carries.
 
-        `own_bytes` and `own_width` describe the camera's picture.
+        `own_bytes` and `own_width` describe the camera's picture; `video` permits H.264.
         """
         s_per_byte = self.s_per_byte
         if s_per_byte is None:
             return self._before
         needed = [each for each in FORMATS if 8 * width <= each.eighths * own_width]
         top = FORMATS.index(_smallest_size(needed)) if needed else 0
-        for each in FORMATS[top:]:
+        formats = FORMATS[top:]
+        if video:
+            largest = FORMATS[top].eighths
+            formats = formats[0], *(each for each in VIDEO_FORMATS if each.eighths <= largest)
+        for each in formats:
             is_better = each.bytes_share > self._before.bytes_share
             limit = FORMAT_SHARE - (_RESERVE if is_better else 0.0)
-            rate_hz = LEAST_HZ if each == FORMATS[-2] else GOOD_HZ
+            rate_hz = LEAST_HZ if each in _LAST_BUT_ONE else GOOD_HZ
             if self._shares[each] * own_bytes * s_per_byte * rate_hz <= limit:
                 self._before = each
                 return each
-        self._before = FORMATS[-1]
+        self._before = formats[-1]
         return self._before
 
     def encoded(self, chosen: PictureFormat, own_bytes: int, size_bytes: int) -> None:

@@ -29,3 +29,5 @@ class PictureRequest(msgspec.Struct, frozen=True):
     """Least recent round trip between page and dashboard."""
     held_ms: float
     """Time from the arrival of the previous picture to this request."""
+    h264: bool = False
+    """Whether the page can show H.264."""
