@@ -52,17 +52,18 @@ def metre_places(
     found: dict[str, Array] = {}
     taken: list[Array] = []
     for axis, letter in enumerate("xy"):
+        other = int(not axis)
         metres = np.arange(math.ceil(xy[axis] - _RANGE_M), math.floor(xy[axis] + _RANGE_M) + 1)
         lines = np.zeros((len(metres), len(along), 3))
-        lines[..., axis], lines[..., 1 - axis] = metres[:, None], xy[1 - axis] + along
+        lines[..., axis], lines[..., other] = metres[:, None], xy[other] + along
         visible = (lines - pose.position) @ ahead > _LEAST_DEPTH_M * np.linalg.norm(ahead)
         seen = np.full((*visible.shape, 2), np.inf)
         seen[visible] = pictured(pose, lines[visible], aspect, fov_rad)
         inside = ((seen > low) & (seen < high)).all(axis=-1)
         edge = np.where(inside, seen[..., 0 if axis == across else 1], np.inf)
-        for row in np.flatnonzero(inside.any(axis=1)):
+        for row in np.flatnonzero(inside.any(axis=-1)):
             best = row, int(np.argmin(edge[row]))
-            if all(np.linalg.norm(seen[best] - other) > _LEAST_APART for other in taken):
+            if all(np.linalg.norm(seen[best] - each) > _LEAST_APART for each in taken):
                 taken.append(seen[best])
                 found[f"{letter} {metres[row]} m"] = lines[best][:2]
     return found
