@@ -8,34 +8,38 @@ export type Report = (free: Box, height: number) => void;
 
 const LEAST_SHARE = 0.4; // With less room, as under a large map, the robot stays in the middle.
 const ROBOT_ASPECT = 1.6; // Typical ratio of width and height of a robot in the picture.
+const ROOM = 1.25; // Least length of the longer side, relative to what the robot needs.
 
 /**
- * Return the part of a picture that is left after each cover has cut off the side that costs a robot
- * the least of its size, in fractions. Without room, it is the whole picture.
+ * Return the rectangle, in fractions of a picture, that no cover touches and in which a robot is
+ * largest, cut so that it is near the middle. Without room, it is the whole picture.
  */
 export function freeRectangle({ left, top, right, bottom }: Box, covers: readonly Box[]): Box {
   const picture = { left, top, right, bottom };
   const size = (box: Box) => Math.min((box.right - box.left) / ROBOT_ASPECT, box.bottom - box.top);
-  const area = (box: Box) => (box.right - box.left) * (box.bottom - box.top);
-  let free = picture;
-  for (const cover of covers) {
-    if (!overlap(cover, free)) continue;
-    const cuts: Box[] = [
-      { ...free, left: cover.right },
-      { ...free, right: cover.left },
-      { ...free, top: cover.bottom },
-      { ...free, bottom: cover.top },
-    ];
-    free = cuts.sort((a, b) => size(b) - size(a) || area(b) - area(a))[0]!;
-  }
+  const over = covers.filter((cover) => overlap(cover, picture));
+  const beside = over.map((c) => ({ left: c.right, top: c.bottom, right: c.left, bottom: c.top }));
+  const intervals = (low: "left" | "top", high: "right" | "bottom", all = [picture, ...beside]) =>
+    all.flatMap((one) => all.map((other) => [one[low], other[high]] as const));
+  let free = { ...picture, right: left };
+  for (const [left, right] of intervals("left", "right"))
+    for (const [top, bottom] of intervals("top", "bottom")) {
+      const box = { left, top, right, bottom };
+      if (size(box) > size(free) && !over.some((cover) => overlap(cover, box))) free = box;
+    }
   if (size(free) < LEAST_SHARE * size(picture)) free = picture;
-  const share = (part: number, whole: number) => Math.round((1000 * part) / whole) / 1000;
-  return {
-    left: share(free.left - left, right - left),
-    top: share(free.top - top, bottom - top),
-    right: share(free.right - left, right - left),
-    bottom: share(free.bottom - top, bottom - top),
-  };
+  const [from, to] = cut([left, right], [free.left, free.right], ROOM * ROBOT_ASPECT * size(free));
+  const [above, below] = cut([top, bottom], [free.top, free.bottom], ROOM * size(free));
+  return { left: from, top: above, right: to, bottom: below };
+}
+
+/** Cut a part of a whole so that it is near its middle; `least` remains. In fractions. */
+function cut([low, high]: [number, number], [from, to]: [number, number], least: number) {
+  const middle = (low + high) / 2;
+  const half = Math.min((to - from) / 2, Math.max(least / 2, Math.min(middle - from, to - middle)));
+  const centre = Math.max(from + half, Math.min(to - half, middle));
+  const share = (at: number) => Math.round((1000 * (at - low)) / (high - low)) / 1000;
+  return [share(centre - half), share(centre + half)] as const;
 }
 
 function overlap(a: Box, b: Box): boolean {
