@@ -20,7 +20,7 @@ from tsd_twin.hardware.serial_transport import HardwareError
 from tsd_twin.hardware.u2d2 import U2D2IO
 from tsd_twin.messages.codes import Code, because
 from tsd_twin.robots import RPM
-from tsd_twin.robots.singularity import WheelSensor
+from tsd_twin.robots.singularity_parts import WheelSensor
 from tsd_twin.simulation import Motors
 
 pytestmark = pytest.mark.computes

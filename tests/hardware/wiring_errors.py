@@ -41,7 +41,7 @@ from tsd_twin.robots import (
     description_of_kind,
     load_robot,
 )
-from tsd_twin.robots.singularity import WheelSensor
+from tsd_twin.robots.singularity_parts import WheelSensor
 from tsd_twin.simulation import Motors
 
 TSD = description_of_kind(load_robot("tsd"), SingularityDescription)
