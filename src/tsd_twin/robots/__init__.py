@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from tsd_twin.robots.description import (
-    RPM,
+from tsd_twin.robots.description import RPM, RobotDescription, WheelSpeedRange
+from tsd_twin.robots.external import ExternalDescription
+from tsd_twin.robots.joint_model import (
     FloorErrors,
     JointCompliance,
     JointErrors,
-    RobotDescription,
-    WheelSpeedRange,
     WheelSpeedResponse,
 )
-from tsd_twin.robots.external import ExternalDescription
 from tsd_twin.robots.kinds import DESCRIPTIONS, kind_names, kind_of
 from tsd_twin.robots.loader import (
     description_of_kind,

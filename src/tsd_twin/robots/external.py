@@ -12,7 +12,8 @@ from typing import Annotated, ClassVar, Literal, TypeAlias
 from msgspec import Meta, field
 
 from tsd_twin.kinematics import Joint, JointKind, TwistKinematics
-from tsd_twin.robots.description import JointErrors, RobotDescription, WheelSpeedResponse
+from tsd_twin.robots.description import RobotDescription
+from tsd_twin.robots.joint_model import JointErrors, WheelSpeedResponse
 from tsd_twin.tables import Colour, NotNegative, Positive, Problem, Table
 
 Triple: TypeAlias = tuple[float, float, float]

@@ -14,14 +14,8 @@ from msgspec.structs import replace as replace_fields
 from tsd_twin.kinematics import OmniKinematics, SphereKinematics
 from tsd_twin.kinematics.omni import contacts_and_directions, layout_problem, sphere_layout_problem
 from tsd_twin.lie import Array
-from tsd_twin.robots.description import (
-    GRAVITY_MPS2,
-    RPM,
-    BuildErrors,
-    JointErrors,
-    RobotDescription,
-    WheelSpeedResponse,
-)
+from tsd_twin.robots.description import GRAVITY_MPS2, RPM, BuildErrors, RobotDescription
+from tsd_twin.robots.joint_model import JointErrors, WheelSpeedResponse
 from tsd_twin.robots.plausibility import proportion_problems
 from tsd_twin.sensors import MountedSensor
 from tsd_twin.sensors.dead_wheels import DEAD_WHEELS, DeadWheels

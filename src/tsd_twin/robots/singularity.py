@@ -16,12 +16,14 @@ from tsd_twin.robots.description import (
     RPM,
     ActuatorOffsets,
     Floor,
-    FloorErrors,
-    JointCompliance,
-    JointErrors,
     ModelErrors,
     RobotDescription,
     WheelSpeedRange,
+)
+from tsd_twin.robots.joint_model import (
+    FloorErrors,
+    JointCompliance,
+    JointErrors,
     WheelSpeedResponse,
 )
 from tsd_twin.robots.plausibility import proportion_problems
