@@ -57,12 +57,13 @@ window.ages = [];
 window.samples = [];
 window.trips = [];
 window.stampMs = 0;
+window.reads = true;
 const wall = () => performance.timeOrigin + performance.now();
 const draw = CanvasRenderingContext2D.prototype.drawImage;
 CanvasRenderingContext2D.prototype.drawImage = function (...drawn) {{
   draw.apply(this, drawn);
   const {{ width, height }} = this.canvas;
-  if (!(drawn[0] instanceof ImageBitmap) || width < 200) return;
+  if (!window.reads || !(drawn[0] instanceof ImageBitmap) || width < 200) return;
   const px = width * {_BLOCK_PX / SIZE[0]};
   const {{ data }} = this.getImageData(0, 0, width, Math.ceil(2 * px));
   let ms = 0;
@@ -137,7 +138,7 @@ def rows(run: Run) -> Iterator[Row]:
         seconds = run.pick(20.0, 1.5)
         yield from run.alternate(
             ["pictures.command"],
-            lambda: [_trip_ms(run, page, url, seconds, pictures=True)],
+            lambda: [_trip_ms(run, page, url, seconds, pictures=True, reads=False)],
             lambda: [_trip_ms(run, page, url, seconds, pictures=False) + _MORE_MS],
             rounds=3,
         )
@@ -181,12 +182,20 @@ def _thin(run: Run, stack: ExitStack, page: Page, endpoint: str) -> Iterator[Row
 
 
 def _trip_ms(
-    run: Run, page: Page, url: str, seconds: float, *, pictures: bool, is_main: bool = False
+    run: Run,
+    page: Page,
+    url: str,
+    seconds: float,
+    *,
+    pictures: bool,
+    is_main: bool = False,
+    reads: bool = True,
 ) -> float:
     """Return the 99th percentile of the heartbeats' round trips on the socket of commands."""
     page.goto(url)
     page.evaluate(f"localStorage.setItem('tsd-pictures', '{str(pictures).lower()}')")
-    shown(page, url, run.pick(_SETTLED_S, 3.0), seconds, pictures=pictures, is_main=is_main)
+    settled_s = run.pick(_SETTLED_S, 3.0)
+    shown(page, url, settled_s, seconds, pictures=pictures, is_main=is_main, reads=reads)
     return percentile(page.evaluate("trips"), 0.99)
 
 
@@ -199,8 +208,12 @@ def shown(
     pictures: bool = True,
     is_bare: bool = False,
     is_main: bool = False,
+    reads: bool = True,
 ) -> None:
-    """Open the page, or the bare one, and record the displayed pictures for `seconds`."""
+    """Open the page, or the bare one, and record the displayed pictures for `seconds`.
+
+    Without `reads`, their stamps are not read meanwhile, which would hold up the page's thread.
+    """
     page.goto(url)
     if is_bare:
         page.evaluate(BARE)
@@ -209,7 +222,7 @@ def shown(
     if pictures:
         until(lambda: page.evaluate("window.stampMs > 0"), 60.0)
     page.wait_for_timeout(1e3 * settled_s)
-    page.evaluate("ages.length = samples.length = trips.length = 0")
+    page.evaluate(f"ages.length = samples.length = trips.length = 0; reads = {str(reads).lower()}")
     page.wait_for_timeout(1e3 * seconds)
 
 
