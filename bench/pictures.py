@@ -48,7 +48,7 @@ _ACROSS_DEG = 62.0
 _NOISE = 3
 _SETTLED_S = 20.0
 _THIN_ROUNDS = 3
-"""Minutes with pictures, each followed by one without, over the thin link."""
+"""Minutes with pictures over the thin link, and minutes with and without for commands."""
 _CONNECT_S = 10.0
 _PATIENCE_MS = 60_000.0
 
@@ -161,23 +161,34 @@ def _thin(run: Run, stack: ExitStack, page: Page, endpoint: str) -> Iterator[Row
     seconds = run.pick(60.0, 2.0)
     found: dict[str, float] = {}
 
-    def with_pictures() -> tuple[float, float, float]:
-        trip_ms = _trip_ms(run, page, far, seconds, pictures=True, is_main=True)
+    def with_pictures() -> tuple[float, float]:
+        shown(page, far, run.pick(_SETTLED_S, 3.0), seconds, is_main=True)
         samples: list[float] = page.evaluate("samples")
         found["px"] = page.evaluate("widthPx")
         old = sum(each > OLD_MS for each in samples) / len(samples)
-        return page.evaluate("ages.length") / seconds, 100.0 * old, trip_ms
+        return page.evaluate("ages.length") / seconds, 100.0 * old
 
-    def without() -> tuple[float, float, float]:
-        trip_ms = _trip_ms(run, page, far, seconds, pictures=False)
-        return REQUIRED_HZ, OLD_PERCENT, trip_ms + _MORE_THIN_MS
+    def trip_ms(*, pictures: bool) -> float:
+        return _trip_ms(run, page, far, seconds, pictures=pictures, is_main=pictures, reads=False)
 
+    def note() -> str:
+        return f"{found['px']:.0f} px wide, {THIN}" if found else THIN
+
+    page.goto(far)
+    page.evaluate("localStorage.setItem('tsd-pictures', 'true')")
     yield from run.alternate(
-        ["pictures.thin_rate", "pictures.thin_old", "pictures.thin_command"],
+        ["pictures.thin_rate", "pictures.thin_old"],
         with_pictures,
-        without,
+        lambda: (REQUIRED_HZ, OLD_PERCENT),
         rounds=_THIN_ROUNDS,
-        note=lambda: f"{found['px']:.0f} px wide, {THIN}",
+        note=note,
+    )
+    yield from run.alternate(
+        ["pictures.thin_command"],
+        lambda: [trip_ms(pictures=True)],
+        lambda: [trip_ms(pictures=False) + _MORE_THIN_MS],
+        rounds=_THIN_ROUNDS,
+        note=note,
     )
 
 
