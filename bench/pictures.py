@@ -223,7 +223,7 @@ def shown(
 ) -> None:
     """Open the page, or the bare one, and record the displayed pictures for `seconds`.
 
-    Without `reads`, their stamps are not read meanwhile, which would hold up the page's thread.
+    Without `reads`, their stamps are not read, because that blocks the page's thread.
     """
     page.goto(url)
     if is_bare:

@@ -175,7 +175,7 @@ def test_while_the_wheels_are_shut_off_the_bias_turns_nothing() -> None:
 def test_a_robot_that_turns_while_its_wheels_have_stopped_is_followed_by_the_gyro() -> None:
     """On ice, wheels claim anything from the end of a turn to a turn to the other side.
 
-    The fused turn rate lies between that of the wheels and that of the gyro.
+    The fused turn rate lies between the rates from wheels and gyro.
     """
     kinematics = TSD.kinematics()
     for by_wheels in np.linspace(1.0, -1.0, 21):

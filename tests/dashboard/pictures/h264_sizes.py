@@ -48,8 +48,10 @@ def measured(
         if chosen.is_video:
             pixels = pixels_of(picture, chosen.eighths)
             data, _ = stream.encode(pixels, chosen.bytes_share * len(jpeg))
+        elif chosen.quality is None:
+            data = jpeg
         else:
-            data = jpeg_of(picture, chosen)
+            data = jpeg_of(picture, chosen.eighths, chosen.quality)
         used_ms = 1e3 * (time.thread_time() - began_s)
         shown = decoder.decode(data) if chosen.is_video else simplejpeg.decode_jpeg(data, "BGR")
         found.append((len(data), psnr_db(shown, camera), used_ms))

@@ -190,7 +190,7 @@ class CameraFeed:
             return picture.jpeg
         if chosen not in picture.encoded:
             picture.encoded[chosen] = self._loop.run_in_executor(
-                self.encoders.threads, jpeg_of, picture, chosen
+                self.encoders.threads, jpeg_of, picture, chosen.eighths, chosen.quality
             )
         return await asyncio.shield(picture.encoded[chosen])
 
@@ -383,14 +383,11 @@ def pixels_of(picture: Picture, eighths: int) -> NDArray[np.uint8]:
     )
 
 
-def jpeg_of(picture: Picture, chosen: PictureFormat) -> bytes:
+def jpeg_of(picture: Picture, eighths: int, quality: int) -> bytes:
     """Return a picture as a smaller JPEG.
 
     Raises:
         ValueError: If its data are broken.
     """
-    assert chosen.quality is not None  # noqa: S101  Otherwise there is nothing to encode.
-    pixels = pixels_of(picture, chosen.eighths)
-    return simplejpeg.encode_jpeg(
-        pixels, chosen.quality, "BGR", colorsubsampling="420", fastdct=True
-    )
+    pixels = pixels_of(picture, eighths)
+    return simplejpeg.encode_jpeg(pixels, quality, "BGR", colorsubsampling="420", fastdct=True)
