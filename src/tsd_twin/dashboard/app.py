@@ -20,7 +20,6 @@ from tsd_twin.dashboard.recorded.pages import RecordedPages
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.appearance import RobotRoster
 from tsd_twin.dashboard.scene.client_views import BackgroundWorker, ClientViews, SceneExecutor
-from tsd_twin.dashboard.scene.robot_filter import robot_filters
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
 from tsd_twin.dashboard.update_loop import UpdateLoop
@@ -65,7 +64,6 @@ async def run(
     try:
         roster = RobotRoster(first)
         scene = Scene(server, roster, separate=rules.limits_robots)
-        viser_compat.limit_clients(server, robot_filters)
         # The two know each other by callbacks only: neither waits for the other's thread.
         sessions = SessionManager(
             discovery.links,

@@ -6,6 +6,7 @@ import logging
 import math
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
 
@@ -54,6 +55,7 @@ class UpdateLoop:
         self._watched_s = -math.inf
         self._active = False
         self._wake = threading.Event()
+        self._new: deque[RobotMonitor] = deque()
         self._stale: dict[str, bool] = {}
         self._followed_s: dict[str, float] = {}
 
@@ -77,12 +79,20 @@ class UpdateLoop:
                     _LOG.exception("a frame was lost")
             drawing.shutdown(wait=False, cancel_futures=True)
 
-    def _add(self, link: RobotMonitor) -> None:
-        try:
-            self._scene.add(link)
-        except Exception:  # Descriptions come from the bus; the others are drawn all the same.
-            _LOG.exception("robot %s cannot be drawn", link.id)
-        self._stale.pop(link.id, None)  # A new robot in the scene looks live.
+    def _add_new(self) -> None:
+        """Add the robots that wait to the scene, with one update of the views of all clients."""
+        links: list[RobotMonitor] = []
+        while self._new:
+            links.append(self._new.popleft())
+        if not links:
+            return
+        with self._scene.one_update():
+            for link in links:
+                try:
+                    self._scene.add(link)
+                except Exception:  # Descriptions come from the bus; the others are drawn.
+                    _LOG.exception("robot %s cannot be drawn", link.id)
+                self._stale.pop(link.id, None)  # A new robot in the scene looks live.
 
     def _is_followed(self, link: RobotMonitor, now_s: float) -> bool:
         """Return whether a robot is or was recently shown or driven.
@@ -100,7 +110,8 @@ class UpdateLoop:
             self._watched_s = now_s
         self._active = now_s - self._watched_s < IDLE_TIMEOUT_S
         for robot_id in self._discovery.refresh():
-            drawing.submit(self._add, self._discovery.links[robot_id])
+            self._new.append(self._discovery.links[robot_id])
+            drawing.submit(self._add_new)
         for robot_id, event in self._discovery.take_events():
             self._on_event(robot_id, event)
         for robot_id, link in self._discovery.links.items():

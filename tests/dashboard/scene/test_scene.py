@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from tests.support.scene_doubles import PERIOD_S, RobotFeed, link_poses
 from tests.support.viser_client import Node, ViserClient, viser_client
+from tsd_twin import robots
 from tsd_twin.dashboard.scene import paths
 from tsd_twin.dashboard.scene.drive_marks import ARROW_LENGTH_PER_SPEED_S, LEAST_ARROW_M
 from tsd_twin.dashboard.scene.overlays import _LEAST_SIGMA_M, _VISIBLE_M, PoseRegion
@@ -147,6 +148,31 @@ def test_a_robot_at_rest_sends_the_turning_of_its_wheels_alone(
     scene.draw()
     (message,) = fence(scene, viewer)
     assert message["name"] == "/w/r/tsd/mwheel"
+
+
+def test_the_last_change_before_a_robot_rests_is_drawn(scene: Scene, viewer: ViserClient) -> None:
+    """States of a robot at rest are skipped once overlays with a limited rate are drawn."""
+    feed = RobotFeed("kiwi", robots.load_robot("kiwi"))
+    scene.add(feed)
+    covariance = np.diag([1e-4, 4e-4, 1e-2])
+    drives = feed.kinematics.inverse(np.array([0.3, 0.0, 0.0]))
+    for step in range(8):
+        pose = POSE + np.array([0.01 * step, 0.0, 0.0])
+        feed.say(pose=pose, joints=drives, setpoint=drives, covariance=1e-3 * covariance)
+        scene.draw()
+    rest = np.zeros(3)
+    for _ in range(60):
+        feed.say(pose=POSE, joints=rest, setpoint=rest, truth=POSE + 0.1, covariance=covariance)
+        scene.draw()
+    fence(scene, viewer)
+    assert not viewer.node("/w/r/kiwi/a/dark/v").visible
+    assert viewer.node("/w/t/kiwi/dark/c").visible
+    shown = np.reshape(viewer.node("/w/r/kiwi/e/dark/p").props["vertices"], (-1, 3))
+    sigma = math.sqrt(float(covariance[1, 1]) + _LEAST_SIGMA_M**2)
+    np.testing.assert_allclose(np.abs(shown[:, 1]).max(), 2.0 * sigma, rtol=0.02)
+    feed.say(pose=POSE, joints=rest, setpoint=rest, truth=POSE + 0.1, covariance=covariance)
+    scene.draw()
+    assert fence(scene, viewer) == []
 
 
 def test_wheels_turn_slower_than_they_do_and_not_in_a_gap(

@@ -45,10 +45,7 @@ def viewer(server: viser.ViserServer, views: ClientViews) -> Generator[ViserClie
 
 def shown(viewer: ViserClient) -> set[tuple[str, Theme]]:
     return {
-        (name, theme)
-        for name in OVERLAYS
-        for theme in Theme
-        if viewer.node(f"{name}/{theme}").visible
+        (name, theme) for name in OVERLAYS for theme in Theme if f"{name}/{theme}" in viewer.shared
     }
 
 

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from tests.support.scene_doubles import RobotFeed
 from tsd_twin import robots
@@ -16,6 +18,7 @@ from tsd_twin.dashboard.sessions.actuator_telemetry import SphereTelemetry
 from tsd_twin.dashboard.sessions.telemetry import RobotTelemetry
 from tsd_twin.dashboard.wire.to_page import encode_message
 from tsd_twin.lie import SO3
+from tsd_twin.messages.status import LimitStatus, RobotStatus
 from tsd_twin.robots.external import NOT_PROMISED
 
 SPHERE: Any = robots.load_robot("atlas")
@@ -76,3 +79,31 @@ def test_a_sphere_at_rest_says_nothing_of_its_rows() -> None:
     ball = SphereTelemetry(SPHERE).state(np.zeros(3), np.zeros(3), feed.snapshot)["sphere"]
     assert list(ball.rows) == [0, 0, 0]
     assert ball.angle_deg is None
+
+
+numbers = st.sampled_from((0.0, 0.1, 0.3))
+snapshots = st.tuples(
+    numbers, numbers, numbers, numbers, st.sampled_from((0.5, 1.0)), st.booleans()
+)
+
+
+@settings(deadline=None, max_examples=40)
+@given(name=st.sampled_from(robots.robot_names()), steps=st.lists(snapshots, max_size=12))
+def test_each_state_is_that_of_telemetry_without_a_past(
+    name: str, steps: list[tuple[float, float, float, float, float, bool]]
+) -> None:
+    """What was computed for an earlier snapshot is shown for an equal one only."""
+    feed = RobotFeed(name, robots.load_robot(name))
+    telemetry = RobotTelemetry(feed)
+    for speed, turn, asked, moved, applied, turns in steps:
+        joints = feed.kinematics.inverse(np.array([speed, 0.0, turn]))
+        setpoint = feed.kinematics.inverse(np.array([asked, 0.0, turn]))
+        status = RobotStatus("driving", limits=LimitStatus(speed_mps=applied, applied=applied))
+        pose, twist = np.array([moved, speed, turn]), np.array([speed, 0.0, moved])
+        feed.say(pose=pose, twist=twist, joints=joints, setpoint=setpoint, status=status)
+        if turns:
+            ball, other = SO3.exp(pose), SO3.exp(twist)
+            feed.say(ball=ball, other_ball=other)
+        assert telemetry.state(feed.snapshot, feed.now_s) == RobotTelemetry(feed).state(
+            feed.snapshot, feed.now_s
+        )

@@ -26,6 +26,7 @@ from PIL import Image
 from tsd_twin.dashboard.recorded.view import draw_recorded, timeline_events
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.appearance import RobotRoster, Theme
+from tsd_twin.dashboard.scene.client_filter import shared_filter
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.stage import add_ground, add_lights
 from tsd_twin.dashboard.wire.to_page import TimelineEvent
@@ -128,7 +129,7 @@ class _Builder:
             for robot in self._player.robots.values():
                 scene.add(robot)
             scene.draw()
-            serializer = server.get_scene_serializer()
+            serializer = viser_compat.scene_recorder(server, shared_filter(None, Theme.DARK))
             frames = max(1, math.ceil((self._end_s - self._start_s) * FRAMES_PER_S))
             for i in range(frames):
                 self._draw(scene, i / FRAMES_PER_S)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterable, Mapping, Sequence
 from enum import StrEnum
+from functools import lru_cache
 from typing import NamedTuple, TypeAlias
 
 from tsd_twin.dashboard.wire.view import Layer
@@ -123,12 +124,30 @@ def robot_node(robot_id: str) -> str:
     return f"{ROOT}/r/{robot_id}"
 
 
-def robot_of_node(name: str) -> str | None:
-    """Return the id of the robot that a node belongs to, or None for a node of the stage."""
-    for parent in (f"{ROOT}/r", TRUE_POSES, ALTERNATIVE_POSES, TRAILS, ROUTES):
+class NodeOwner(NamedTuple):
+    """What a node shows."""
+
+    robot_id: str | None
+    """Robot that it belongs to, or None for a node of the stage."""
+    theme: Theme | None
+    """Theme whose clients see it, or None for all clients."""
+
+
+_ROBOT_PARENTS = {f"{ROOT}/r": 1} | dict.fromkeys(
+    (TRUE_POSES, ALTERNATIVE_POSES, TRAILS, ROUTES), 0
+)
+"""Parents of a node for each robot, and the levels between that and the node of a theme."""
+_THEMES = {str(theme): theme for theme in Theme}
+
+
+@lru_cache(maxsize=8192)
+def node_owner(name: str) -> NodeOwner:
+    """Return robot and theme of a node."""
+    for parent, levels in _ROBOT_PARENTS.items():
         if name.startswith(f"{parent}/"):
-            return name.removeprefix(f"{parent}/").partition("/")[0]
-    return None
+            robot_id, *below = name.removeprefix(f"{parent}/").split("/")
+            return NodeOwner(robot_id, _THEMES.get(below[levels]) if below[levels:] else None)
+    return NodeOwner(None, None)
 
 
 def overlay_node(layer: Layer, robot_id: str) -> str:
@@ -143,24 +162,6 @@ def layer_nodes(layer: Layer, robot_ids: Iterable[str]) -> set[str]:
     own = {overlay_node(layer, one) for one in robot_ids if layer in _ROBOT_NODES}
     axles = {f"{robot_node(one)}/{AXLES}" for one in robot_ids if layer is Layer.ARROWS}
     return shared | own | axles
-
-
-def theme_nodes(theme: Theme, robot_ids: Iterable[str]) -> set[str]:
-    """Return the nodes with the overlays of robots in a theme.
-
-    Overlays exist once in each theme, and each client shows one of them: messages to all clients
-    cost less than messages to each one.
-    """
-    themed = [node for layer, node in _ROBOT_NODES.items() if layer is not Layer.LABELS]
-    return {
-        node
-        for one in robot_ids
-        for node in (
-            *(f"{robot_node(one)}/{part}/{theme}" for part in (*themed, AXLES, HEADING, FAULT)),
-            *(f"{parent}/{one}/{theme}" for parent in (TRUE_POSES, ALTERNATIVE_POSES, TRAILS)),
-            f"{ROUTES}/{one}/{theme}",
-        )
-    }
 
 
 ROBOT_COLOURS: tuple[Rgb, ...] = (

@@ -14,8 +14,8 @@ from tsd_twin.dashboard.scene.appearance import (
     Palette,
     Theme,
     layer_nodes,
-    theme_nodes,
 )
+from tsd_twin.dashboard.scene.client_filter import shared_filter
 from tsd_twin.dashboard.scene.client_nodes import (
     ExaggeratedTilt,
     HistoryGhost,
@@ -30,7 +30,7 @@ from tsd_twin.dashboard.scene.robot_overlays import add_wireframe, set_planar_po
 from tsd_twin.dashboard.scene.robot_visual import RobotVisual
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.stage import GroundPictures, add_ground, add_lights
-from tsd_twin.dashboard.scene.viser_compat import FIELD_OF_VIEW_RAD, set_theme
+from tsd_twin.dashboard.scene.viser_compat import FIELD_OF_VIEW_RAD, change_filter, set_theme
 from tsd_twin.dashboard.wire.to_page import CameraState
 from tsd_twin.dashboard.wire.view import CameraPreset, Layer, TruePoseDisplay, ViewSettings
 from tsd_twin.lie import SE2, Array
@@ -71,6 +71,7 @@ class ClientView:
         self._settings = ViewSettings()
         self._fixed_world_xy: tuple[float, float] | None = None
         self._world: viser.FrameHandle | None = None
+        self._sent_world = np.full(3, np.nan)
         # The shared world shows where the first robot is, so it is not sent to limited clients.
         self._has_own_world = visible is not None
         self._preview_joints: Array | None = None
@@ -213,6 +214,7 @@ class ClientView:
             self._settings = settings
             if settings.dark != before.dark:
                 set_theme(self.client.gui, dark=self._theme is Theme.DARK)
+                change_filter(self.client, shared_filter(self._visible, self._theme))
             self.on_robots_changed()
             turns_otherwise = settings.camera is CameraPreset.CHASE and (
                 settings.follow != before.follow
@@ -287,19 +289,23 @@ class ClientView:
 
     def on_robots_moved(self) -> None:
         """Move this client's world frame, unless it follows the default robot."""
-        moves_world = self._world is not None and self._fixed_world_xy is None
         body = self.visual
         if body is not None:
             self._place_at_first_sight(body)
             self._label_metres(body)
-        if body is not None and self._tilt.is_on(body) and self._preview_joints is None:
+        tilts = body is not None and self._tilt.is_on(body) and self._preview_joints is None
+        if body is not None and tilts:
             with self.client.atomic():
                 self._tilt.update(body)
-        elif not moves_world:
-            return
-        if self._world is not None and moves_world:
-            set_planar_pose(self._world, self._world_pose.xy_heading)
-        self.client.flush()
+        moves_world = False
+        if self._world is not None and self._fixed_world_xy is None:
+            world = self._world_pose.xy_heading
+            moves_world = not np.array_equal(world, self._sent_world)
+            if moves_world:
+                set_planar_pose(self._world, world)
+                self._sent_world = world
+        if tilts or moves_world:
+            self.client.flush()
 
     def on_robots_changed(self) -> None:
         """Rebuild this client's nodes after a change of robots or settings."""
@@ -324,7 +330,6 @@ class ClientView:
             add_ground(own, self._theme, plain=self._no_gpu)
             self._labelled = None
             self._metres.clear()
-            self._show_theme(own)
             self._hide_layers(own)
             if body is not None:
                 self._label_metres(body)
@@ -363,7 +368,8 @@ class ClientView:
         x, y, _ = self._world_pose.xy_heading
         upside_down = (0.0, 1.0, 0.0, 0.0)  # Differs from any rotation about z.
         world = own.add_frame(ROOT, show_axes=False, position=(x + 1.0, y, 0.0), wxyz=upside_down)
-        set_planar_pose(world, self._world_pose.xy_heading)
+        self._sent_world = self._world_pose.xy_heading
+        set_planar_pose(world, self._sent_world)
         return world
 
     def _select_available(self) -> None:
@@ -385,13 +391,6 @@ class ClientView:
         """Robots that this client may show, in the order of their addition."""
         ids = list(self._scene.visuals)
         return ids if self._visible is None else [each for each in ids if each in self._visible]
-
-    def _show_theme(self, own: viser.SceneApi) -> None:
-        """Show the overlays of this client's theme; the shared ones are dark."""
-        if self._theme is Theme.LIGHT:
-            for theme in Theme:
-                for node in theme_nodes(theme, self._scene.visuals):
-                    own.add_frame(node, show_axes=False, visible=theme is self._theme)
 
     def _hide_layers(self, own: viser.SceneApi) -> None:
         hidden = set(self._settings.hidden)

@@ -12,11 +12,12 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from tsd_twin.dashboard.scene.client_filter import client_filters, visible_robots
 from tsd_twin.dashboard.scene.client_view import ClientView
 from tsd_twin.dashboard.scene.framing import WHOLE_PICTURE, Rectangle
-from tsd_twin.dashboard.scene.robot_filter import visible_robots
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.viser_compat import (
+    filter_clients,
     is_disconnected,
     look_of,
     page_of,
@@ -69,6 +70,7 @@ class ClientViews:
         self._on_point = on_point
         self._view_of = view_of
         self._views: dict[int, ClientView] = {}
+        filter_clients(server, client_filters)
         scene.on_robots_moved = self._on_robots_moved
         scene.on_robots_changed = self._on_robots_changed
         scene.on_click = self._on_click
@@ -105,8 +107,9 @@ class ClientViews:
 
         It waits for no drawing: a pose that is half old moves an arrow by some pixels.
         """
-        shown = (view for view in self._connected() if view.page == page)
-        return next((view.camera_state for view in shown), None)
+        shown = [view for view in list(self._views.values()) if view.page == page]
+        connected = (view for view in shown if not is_disconnected(view.client))
+        return next((view.camera_state for view in connected), None)
 
     def _on_robots_moved(self) -> None:
         for view in self._connected():

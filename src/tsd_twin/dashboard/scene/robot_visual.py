@@ -26,6 +26,7 @@ from tsd_twin.dashboard.scene.themed import RateLimiter
 from tsd_twin.dashboard.wire.view import TiltFactor
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.messages.modes import Mode
 from tsd_twin.models import Link
 from tsd_twin.recording.player import RecordedRobot
 
@@ -160,6 +161,9 @@ class RobotVisual:
         self.ball = SO3.identity()
         """Orientation of the sphere, if any."""
         self._turned_s = -np.inf
+        self._values: tuple[Any, ...] = ()
+        self._changed_s = np.inf
+        self._settled = False
         # Spheres do not move, and some robots do not guarantee their braking.
         predictable = link.kinematics.pose_type is SE2 and not link.robot.not_promised
         self._predictor = MotionPredictor(link.kinematics, link.robot) if predictable else None
@@ -172,6 +176,14 @@ class RobotVisual:
     def is_outdated(self) -> bool:
         """Whether the latest data is not drawn yet."""
         return self.link.snapshot is not self.drawn
+
+    @property
+    def _rests(self) -> bool:
+        """Whether the robot does not drive and no joint turns, as far as it is measured."""
+        joints, status = self.drawn.joints, self.drawn.status
+        if status is not None and status.mode in (Mode.DRIVING, Mode.STOPPING):
+            return False
+        return joints is None or not np.nan_to_num(joints.velocity_rad_per_s).any()
 
     @property
     def setpoint(self) -> Array | None:
@@ -196,6 +208,13 @@ class RobotVisual:
         """Update with the latest snapshot."""
         new, old = self.link.snapshot, self.drawn
         self.drawn = new
+        values = _values(new)
+        if values != self._values:
+            self._values, self._changed_s, self._settled = values, new.received_s, False
+        elif self._settled:
+            return
+        else:  # This update draws everything.
+            self._settled = self._rests and new.received_s - self._changed_s > _SETTLED_S
         if new.odom is not None:
             if new.odom.wxyz is None:
                 self.pose = new.odom.xy_heading
@@ -225,6 +244,25 @@ class RobotVisual:
         seen_s = dt_s / self._slowdown if dt_s < _MAX_STATE_GAP_S else 0.0
         turned = np.remainder(self.angles + joints * seen_s, 2.0 * np.pi)
         self.angles = np.where(self.meshes.shape.rolls, turned, joints)
+
+
+_SETTLED_S = 0.5
+"""Time without changes after which all overlays are drawn, whose rates are limited."""
+
+
+def _values(snapshot: Snapshot) -> tuple[Any, ...]:
+    """Return what is drawn of a snapshot, to detect changes; most robots of a fleet rest."""
+    poses = snapshot.odom, snapshot.truth, snapshot.alternative
+    status = snapshot.status
+    return (
+        None if status is None else (status.mode, status.consistency.suspect),
+        *(each and each.xy_heading.tobytes() + each.pose_covariance.tobytes() for each in poses),
+        *(each and each.wxyz is not None and each.wxyz.tobytes() for each in poses),
+        *(
+            each and each.position_rad.tobytes() + each.velocity_rad_per_s.tobytes()
+            for each in (snapshot.joints, snapshot.setpoint)
+        ),
+    )
 
 
 MOST_TILT_RAD = math.radians(75.0)

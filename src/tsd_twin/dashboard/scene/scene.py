@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
 from types import MappingProxyType
 
 import msgspec
@@ -55,6 +56,7 @@ class Scene:
         """Held while robots are added, removed or drawn."""
         self._visuals: dict[str, RobotVisual] = {}
         self._meshes: dict[bytes, BatchedRobotMeshes] = {}
+        self._postpones = False
         self._world = server.scene.add_frame(ROOT, show_axes=False)
         self.on_robots_moved: Callable[[], None] = lambda: None
         """Called under the lock after robots were moved."""
@@ -82,14 +84,26 @@ class Scene:
         x, y, _ = self._world.position
         return float(x), float(y)
 
+    @contextmanager
+    def one_update(self) -> Generator[None]:
+        """Update the views of clients once for all new robots that are added; for one thread."""
+        self._postpones = True
+        try:
+            yield
+        finally:
+            with self.lock:
+                self._postpones = False
+                self._update_views()
+
     def add(self, link: VisualSource) -> None:
         """Add a robot, or replace the one with the same id; new meshes take a second."""
         key = msgspec.json.encode(link.robot) + (link.id.encode() if self._separate else b"")
         shape = robot_shape(link.robot)  # Slow for a new robot, so outside the lock.
         with self.lock:
             meshes = self._meshes.setdefault(key, BatchedRobotMeshes(self.server.scene, shape))
-            if link.id in self._visuals:
-                self._remove_visual(self._visuals[link.id])
+            before = self._visuals.get(link.id)
+            if before is not None:
+                self._remove_visual(before)
             overlays = RobotOverlays(
                 self.server.scene,
                 link.id,
@@ -99,7 +113,9 @@ class Scene:
             )
             meshes.add(link.id)
             self._visuals[link.id] = RobotVisual(link, meshes, overlays, self._tilt)
-            self._update_views()
+            # Clients have nodes of their own on a robot that is replaced.
+            if before is not None or not self._postpones:
+                self._update_views()
 
     def remove(self, robot_id: str) -> None:
         """Remove a robot; an unknown id is ignored."""

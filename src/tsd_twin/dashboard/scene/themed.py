@@ -38,10 +38,11 @@ class RateLimiter:
 def themed(scene: viser.SceneApi, name: str) -> list[tuple[str, Palette]]:
     """Add a child frame for each theme, and return their names and colours.
 
-    Clients see the dark one unless they show the other, see `appearance.theme_nodes`.
+    Each client receives one of them, see `client_filter`: messages to all clients cost less than
+    messages to each one.
     """
     for theme in Theme:
-        scene.add_frame(f"{name}/{theme}", show_axes=False, visible=theme is Theme.DARK)
+        scene.add_frame(f"{name}/{theme}", show_axes=False)
     return [(f"{name}/{theme}", PALETTES[theme]) for theme in Theme]
 
 

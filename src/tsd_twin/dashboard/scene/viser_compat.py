@@ -75,29 +75,53 @@ class MessageQueue(AsyncMessageBuffer):
         super().__init__(event_loop, persistent_messages)
         self.message_event = LoopEvent(event_loop)
         self.filters: dict[int, MessageFilter] = {}
-        """Filters of clients that may not see everything, by client id."""
+        """Filters of clients that do not receive everything, by client id."""
+        self.catch_up: dict[int, list[Message]] = {}
+        """Messages that take a client from the scene of a former filter to that of its filter."""
+
+    def change_filter(self, client_id: int, may_send: MessageFilter) -> None:
+        """Replace the filter of a client.
+
+        It receives what the former one withheld; nodes that it may not receive any more are
+        removed.
+        """
+        with self.buffer_lock:
+            before = self.filters.get(client_id, lambda _: True)
+            self.filters[client_id] = may_send
+            sent_id = self.generator_cursors.get(client_id, -1)
+            sent = [message for i, message in self.message_from_id.items() if i <= sent_id]
+            removed = [
+                messages.RemoveSceneNodeMessage(cast("Any", message).name)
+                for message in sent
+                if message.lifecycle_phase == "create" and before(message) and not may_send(message)
+            ]
+            missing = [each for each in sent if may_send(each) and not before(each)]
+            self.catch_up[client_id] = [*reversed(removed), *missing]
+        self.event_loop.call_soon_threadsafe(self.message_event.set)
 
     def _window_loop(
         self, client_id: int, backlog_last_id: int, backlog_done_message: Message | None
     ) -> AsyncGenerator[Sequence[Message]]:
         if self.persistent_messages:
-            windows = message_windows(self, client_id, backlog_last_id, backlog_done_message)
-        else:  # A client's own queue starts at zero.
-            windows = super()._window_loop(client_id, backlog_last_id, backlog_done_message)
+            return message_windows(self, client_id, backlog_last_id, backlog_done_message)
+        # A client's own queue starts at zero.
+        windows = super()._window_loop(client_id, backlog_last_id, backlog_done_message)
+        return self._permitted_windows(windows, client_id)
+
+    async def _permitted_windows(
+        self, windows: AsyncGenerator[Sequence[Message]], client_id: int
+    ) -> AsyncGenerator[Sequence[Message]]:
+        try:
+            async for window in windows:
+                if permitted := self.permitted(window, client_id):
+                    yield permitted
+        finally:
+            await windows.aclose()
+
+    def permitted(self, window: Sequence[Message], client_id: int) -> Sequence[Message]:
+        """Return the messages that pass a client's filter."""
         may_send = self.filters.get(client_id)
-        return windows if may_send is None else filtered_windows(windows, may_send)
-
-
-async def filtered_windows(
-    windows: AsyncGenerator[Sequence[Message]], may_send: MessageFilter
-) -> AsyncGenerator[Sequence[Message]]:
-    """Yield windows without the messages that a client may not receive."""
-    try:
-        async for window in windows:
-            if permitted := [message for message in window if may_send(message)]:
-                yield permitted
-    finally:
-        await windows.aclose()
+        return window if may_send is None else list(filter(may_send, window))
 
 
 def install_message_queues() -> None:
@@ -119,7 +143,7 @@ def check_viser_version() -> None:
 
 
 async def message_windows(
-    buffer: AsyncMessageBuffer, client_id: int, backlog_id: int, replay_done: Message | None
+    buffer: MessageQueue, client_id: int, backlog_id: int, replay_done: Message | None
 ) -> AsyncGenerator[Sequence[Message]]:
     """Yield kept messages, then new ones, for a client until the buffer is done.
 
@@ -133,15 +157,17 @@ async def message_windows(
         cursors[client_id] = sent_id
         while not buffer.done:
             newest_id = buffer.message_counter - 1 if replay_done is None else backlog_id
+            if catch_up := buffer.catch_up.pop(client_id, None):
+                yield catch_up
             window, sent_id = next_message_window(buffer, client_id, sent_id, newest_id)
             cursors[client_id] = sent_id
             replayed = sent_id >= backlog_id and buffer.atomic_counter == 0
             if replay_done is not None and replayed:
                 window.append(replay_done)
                 replay_done = None
-            if window:
-                yield window
-            else:
+            if permitted := buffer.permitted(window, client_id):
+                yield permitted
+            elif not window:
                 await buffer.message_event.wait()
                 buffer.message_event.clear()
             if window and sent_id < buffer.message_counter - 1:
@@ -187,6 +213,9 @@ ROBOTS_HEADER = "X-Tsd-Robots"
 """Header added by the gateway: the robots that a page may show, as `lab1,lab2`, or `all`."""
 _SOCKET_SERVER = attrgetter("_websock_server")
 _LIVE_CONNECTIONS = attrgetter("_websock_server._live_connections")
+_SHARED_QUEUE = attrgetter("_websock_server.get_message_buffer")
+_SERVER = attrgetter("_viser_server")
+_INSERT = attrgetter("_insert_message")
 _SOCKET = attrgetter("_websock_connection")
 
 
@@ -213,29 +242,51 @@ def robots_of(server: viser.ViserServer, client_id: int) -> str:
     return "all" if robots is None else robots
 
 
-def limit_clients(
+def filter_clients(
     server: viser.ViserServer,
-    filters_of: Callable[[str], tuple[MessageFilter, MessageFilter] | None],
+    filters_of: Callable[[viser.ViserServer, int], tuple[MessageFilter, MessageFilter]],
 ) -> None:
-    """Filter the messages to clients that may not show all robots.
+    """Filter the messages to clients.
 
-    `filters_of` returns two filters for the robots in a client's header, for the messages of the
-    shared scene and for its own, or None if it may show all.
+    `filters_of` returns the filters of a client, by its id, for the messages of the shared scene
+    and for its own.
     """
 
     # viser calls this before it sends anything, unlike its public callback.
     def on_connect(connection: viser.infra.WebsockClientConnection) -> None:
-        client_id = connection.client_id
-        if (filters := filters_of(robots_of(server, client_id))) is not None:
-            queues = _SOCKET_SERVER(server).get_message_buffer(), connection.get_message_buffer()
-            for queue, may_send in zip(queues, filters, strict=True):
-                cast("MessageQueue", queue).filters[client_id] = may_send
+        queues = _SHARED_QUEUE(server)(), connection.get_message_buffer()
+        filters = filters_of(server, connection.client_id)
+        for queue, may_send in zip(queues, filters, strict=True):
+            cast("MessageQueue", queue).filters[connection.client_id] = may_send
 
     def on_disconnect(connection: viser.infra.WebsockClientConnection) -> None:
-        _SOCKET_SERVER(server).get_message_buffer().filters.pop(connection.client_id, None)
+        queue = _SHARED_QUEUE(server)()
+        queue.filters.pop(connection.client_id, None)
+        queue.catch_up.pop(connection.client_id, None)
 
     _SOCKET_SERVER(server).on_client_connect(on_connect)
     _SOCKET_SERVER(server).on_client_disconnect(on_disconnect)
+
+
+def change_filter(client: viser.ClientHandle, may_send: MessageFilter) -> None:
+    """Replace the filter of the shared scene for a client, which then shows what passes it."""
+    _SHARED_QUEUE(_SERVER(client))().change_filter(client.client_id, may_send)
+
+
+def scene_recorder(
+    server: viser.ViserServer, may_send: MessageFilter
+) -> viser.infra.StateSerializer:
+    """Return viser's recorder of the shared scene, from now on, without what may not be sent."""
+
+    def is_recorded(message: Any) -> bool:
+        return message.include_in_scene_serialization and may_send(message)
+
+    recorder: viser.infra.StateSerializer = _SOCKET_SERVER(server).get_message_serializer(
+        is_recorded
+    )
+    for message in list(_SHARED_QUEUE(server)().message_from_id.values()):
+        _INSERT(recorder)(message)
+    return recorder
 
 
 def is_disconnected(client: viser.ClientHandle) -> bool:

@@ -17,6 +17,7 @@ from tsd_twin.client.monitor import RobotMonitor, Snapshot
 from tsd_twin.dashboard.scene.appearance import RobotRoster
 from tsd_twin.dashboard.sessions.lease import RpcExecutor
 from tsd_twin.dashboard.sessions.shadow_monitor import ShadowMonitor
+from tsd_twin.dashboard.sessions.shadow_process import ShadowProcess
 from tsd_twin.dashboard.sessions.telemetry import RobotTelemetry
 from tsd_twin.dashboard.wire.from_page import LOOK_BACK_S
 from tsd_twin.dashboard.wire.to_page import MapLines, MapState, RobotName, RobotState
@@ -89,6 +90,7 @@ class RobotDirectory:
         self._executor = executor
         self._roster = roster or RobotRoster()
         self._robots: dict[str, KnownRobot] = {}
+        self._shadows = ShadowProcess()
         self._events: dict[str, deque[tuple[float, Event]]] = {}
         self._modes: dict[str, tuple[str, float]] = {}
         self._measuring: set[asyncio.Task[None]] = set()
@@ -115,7 +117,9 @@ class RobotDirectory:
         if known is None or known.link is not link:
             if known is not None:
                 known.shadow.end()
-            known = KnownRobot(link, RobotTelemetry(link), ShadowMonitor(link), StateHistory())
+            known = KnownRobot(
+                link, RobotTelemetry(link), ShadowMonitor(link, self._shadows), StateHistory()
+            )
             self._robots[link.id] = known
         return known
 
@@ -133,6 +137,7 @@ class RobotDirectory:
         """End all shadow twins."""
         for known in self._robots.values():
             known.shadow.close()
+        self._shadows.close()
 
     def add_event(self, robot_id: str, event: Event) -> None:
         """Store an event, which may arrive before its robot is discovered."""

@@ -6,15 +6,11 @@ import logging
 import threading
 import time
 from contextlib import ExitStack, closing
-from typing import Any
 
-from tsd_twin.bus import Subscriber
 from tsd_twin.client.connection import RobotConnection
-from tsd_twin.messages.cdr import decode_joints
-from tsd_twin.messages.errors import MessageError
-from tsd_twin.messages.status import decode_stamp, decode_status
-from tsd_twin.messages.topics import ODOM, STATUS, Sample, Topic
-from tsd_twin.shadow import STREAMS, ShadowFeed, ShadowReport, ShadowTwin
+from tsd_twin.dashboard.sessions.shadow_process import ShadowProcess, TwinSample
+from tsd_twin.messages.topics import STATUS
+from tsd_twin.shadow import STREAMS, ShadowReport
 from tsd_twin.simulation import plants_of
 
 IDLE_TIMEOUT_S = 60.0
@@ -27,13 +23,15 @@ _LOG = logging.getLogger(__name__)
 
 
 class ShadowMonitor:
-    """Shadow twin of a robot, on its own thread while the robot is driven or its report requested.
+    """Shadow twin of a robot that runs while the robot is driven or its report requested.
 
-    Otherwise it has neither subscriptions nor a thread.
+    A thread passes the messages on to the process of the twins. Otherwise it has neither
+    subscriptions nor a thread.
     """
 
-    def __init__(self, link: RobotConnection) -> None:
+    def __init__(self, link: RobotConnection, process: ShadowProcess) -> None:
         self._link = link
+        self._process = process
         self._lock = threading.Lock()
         self._asked_s = 0.0
         self._thread: threading.Thread | None = None
@@ -81,36 +79,19 @@ class ShadowMonitor:
                 self._thread, self._report = None, None
 
     def _compare(self) -> None:
-        link, feed = self._link, ShadowFeed(ShadowTwin(self._link.robot))
+        link, twin = self._link, self._process.new_twin()
         with ExitStack() as open_streams:
-
-            def subscribed(topic: Topic) -> Subscriber:
-                return open_streams.enter_context(closing(link.subscriber(topic, _DEPTH)))
-
-            statuses = subscribed(STATUS)
-            streams = {name: subscribed(topic) for name, topic in STREAMS.items()}
+            open_streams.callback(self._process.end, twin)
+            streams = [
+                (topic.path, open_streams.enter_context(closing(link.subscriber(topic, _DEPTH))))
+                for topic in (STATUS, *STREAMS.values())
+            ]
             while not self._ending.wait(_PERIOD_S):
                 if time.monotonic() - self._asked_s > IDLE_TIMEOUT_S:
                     return
-                if (sample := statuses.newest()) is not None:
-                    feed.status = _decoded(link, STATUS, sample) or feed.status
-                for name, stream in streams.items():
-                    for each in stream.take_samples():
-                        message = _decoded(link, STREAMS[name], each)
-                        if message is not None:
-                            feed.add(name, *message)
-                self._report = feed.twin.report()
-
-
-def _decoded(link: RobotConnection, topic: Topic, sample: Sample) -> Any:
-    """Decode a status, or another message with its time on the robot's monotonic clock.
-
-    Returns None for an invalid message, because any program can publish on this key.
-    """
-    try:
-        if topic is STATUS:
-            return decode_status(sample.payload)
-        decode = link.decode_odometry if topic is ODOM else decode_joints
-        return decode(sample.payload), decode_stamp(sample.attachment)[1]
-    except MessageError:
-        return None
+                samples = [
+                    TwinSample(path, each.payload, each.attachment)
+                    for path, stream in streams
+                    for each in stream.take_samples()
+                ]
+                self._report = self._process.advance(twin, link.robot, samples)

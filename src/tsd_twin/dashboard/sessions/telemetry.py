@@ -39,6 +39,7 @@ class RobotTelemetry:
         self._reader = JointReader(link.kinematics.joints)
         self._actuators: ActuatorTelemetry = view_of(link.robot).telemetry(link.robot)
         has_alternative = self._actuators.info().get("alternative_estimate") is not None
+        self._last_motion: tuple[Any, dict[str, Any]] | None = None
         self.plot_fields = PlotFields(link, has_alternative=has_alternative)
         """Values for plots, on request."""
 
@@ -62,13 +63,6 @@ class RobotTelemetry:
         if (status := snapshot.status) is None:
             return None
         trips = self._link.round_trips
-        joints = self._joint_vector(snapshot.joints)
-        setpoint = self._joint_vector(snapshot.setpoint)
-        commanded = self._commanded(setpoint, joints)
-        odom, truth = snapshot.odom, snapshot.truth
-        figures: dict[str, Any] = {}
-        if joints is not None and setpoint is not None:
-            figures = self._actuators.state(joints, setpoint, snapshot)
         return RobotState(
             status_seq=snapshot.status_seq,
             robot_s=round(snapshot.status_robot_s, 6),
@@ -79,14 +73,42 @@ class RobotTelemetry:
             has_control=False,
             rtt_ms=_milliseconds(trips.median_s()),
             rtt_jitter_ms=_milliseconds(trips.jitter_s()),
-            pose=self._planar_pose(odom),
-            twist=rounded(odom.twist) if odom else None,
-            commanded=None if commanded is None else rounded(commanded),
-            truth=self._planar_pose(truth),
-            utilization=None if joints is None else self._utilization(joints),
-            limit=None if commanded is None else self._limit(commanded, status),
-            **figures,
+            **self._motion(snapshot, status),
         )
+
+    def _motion(self, snapshot: Snapshot, status: RobotStatus) -> dict[str, Any]:
+        """Return poses and actuators, computed again only after a change: most robots rest."""
+        odoms = snapshot.odom, snapshot.truth, snapshot.alternative
+        key = (
+            status.limits,
+            status.wheel_speed,
+            *(
+                each and each.position_rad.tobytes() + each.velocity_rad_per_s.tobytes()
+                for each in (snapshot.joints, snapshot.setpoint)
+            ),
+            *(each and each.xy_heading.tobytes() + each.twist.tobytes() for each in odoms),
+            *(each and each.wxyz is not None and each.wxyz.tobytes() for each in odoms),
+        )
+        if self._last_motion is None or key != self._last_motion[0]:
+            self._last_motion = key, self._computed_motion(snapshot, status)
+        return self._last_motion[1]
+
+    def _computed_motion(self, snapshot: Snapshot, status: RobotStatus) -> dict[str, Any]:
+        joints = self._joint_vector(snapshot.joints)
+        setpoint = self._joint_vector(snapshot.setpoint)
+        commanded = self._commanded(setpoint, joints)
+        odom = snapshot.odom
+        motion: dict[str, Any] = {
+            "pose": self._planar_pose(odom),
+            "twist": rounded(odom.twist) if odom else None,
+            "commanded": None if commanded is None else rounded(commanded),
+            "truth": self._planar_pose(snapshot.truth),
+            "utilization": None if joints is None else self._utilization(joints),
+            "limit": None if commanded is None else self._limit(commanded, status),
+        }
+        if joints is not None and setpoint is not None:
+            motion |= self._actuators.state(joints, setpoint, snapshot)
+        return motion
 
     def _commanded(self, setpoint: Array | None, joints: Array | None) -> Array | None:
         if setpoint is None:

@@ -1,0 +1,172 @@
+"""Process with the shadow twins of a dashboard.
+
+A twin computes about as much as the rest of the dashboard does for its robot. In this process, with
+a lower priority, twins delay neither commands nor pictures. It ends with its pipe.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import logging
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from typing import Any, NamedTuple
+
+from tsd_twin.errors import TwinError
+from tsd_twin.lie import SO3
+from tsd_twin.messages.cdr import decode_joints, decode_odometry
+from tsd_twin.messages.errors import MessageError
+from tsd_twin.messages.status import decode_stamp, decode_status
+from tsd_twin.messages.topics import ODOM, STATUS
+from tsd_twin.robots import RobotDescription
+from tsd_twin.shadow import STREAMS, ShadowFeed, ShadowReport, ShadowTwin
+
+_LOG = logging.getLogger(__name__)
+NICE = 10
+ANSWER_TIMEOUT_S = 10.0
+"""Time after which a process that does not answer is replaced."""
+
+
+class TwinSample(NamedTuple):
+    """Message of a robot as received."""
+
+    path: str
+    """Path of its topic."""
+    payload: bytes
+    attachment: bytes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Request:
+    twin: int
+    robot: RobotDescription | None = None
+    """None ends the twin."""
+    samples: Sequence[TwinSample] = ()
+
+
+class ShadowProcess:
+    """Process of the shadow twins, which starts with the first one; thread-safe."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._numbers = itertools.count()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._channel: Connection[_Request, ShadowReport | str] | None = None
+
+    def new_twin(self) -> int:
+        """Return the number of a new twin."""
+        return next(self._numbers)
+
+    def advance(
+        self, twin: int, robot: RobotDescription, samples: Sequence[TwinSample]
+    ) -> ShadowReport:
+        """Return the report of a twin after more messages; a new twin begins with them.
+
+        If the process has died, its twins begin again in another one.
+
+        Raises:
+            TwinError: If the twin, or twice the process, has failed.
+        """
+        answer = self._ask(_Request(twin, robot, samples))
+        if isinstance(answer, str):
+            raise TwinError(answer)
+        return answer
+
+    def end(self, twin: int) -> None:
+        """Forget a twin."""
+        if self._process is not None:
+            with contextlib.suppress(TwinError):
+                self._ask(_Request(twin))
+
+    def close(self) -> None:
+        """End the process."""
+        with self._lock:
+            self._stop()
+
+    def _ask(self, request: _Request) -> ShadowReport | str:
+        with self._lock:
+            for _ in range(2):
+                channel = self._channel or self._start()
+                try:
+                    channel.send(request)
+                    if channel.poll(ANSWER_TIMEOUT_S):
+                        return channel.recv()
+                except (OSError, EOFError):
+                    pass
+                _LOG.warning("the process of the shadow twins does not answer")
+                self._stop()
+        raise TwinError("the process of the shadow twins does not answer")
+
+    def _start(self) -> Connection[_Request, ShadowReport | str]:
+        ours, theirs = Pipe()
+        with theirs:
+            # `multiprocessing` would import the whole dashboard again.
+            self._process = subprocess.Popen(  # noqa: S603  Our own program.
+                [sys.executable, "-c", f"from {__name__} import main; main({theirs.fileno()})"],
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+            )
+        self._channel = ours
+        return ours
+
+    def _stop(self) -> None:
+        if self._channel is not None:
+            self._channel.close()
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+        self._channel = self._process = None
+
+
+def main(descriptor: int) -> None:
+    """Answer requests until the pipe is closed."""
+    os.nice(NICE)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # The dashboard ends, and closes the pipe.
+    feeds: dict[int, ShadowFeed] = {}
+    channel: Connection[ShadowReport | str, _Request] = Connection(descriptor)
+    with channel, contextlib.suppress(EOFError, OSError):
+        while True:
+            channel.send(_answer(feeds, channel.recv()))
+
+
+def _answer(feeds: dict[int, ShadowFeed], request: _Request) -> ShadowReport | str:
+    if request.robot is None:
+        feeds.pop(request.twin, None)
+        return ""
+    try:
+        if request.twin not in feeds:
+            feeds[request.twin] = ShadowFeed(ShadowTwin(request.robot))
+        feed = feeds[request.twin]
+        turning = request.robot.kinematics().pose_type is SO3
+        for sample in request.samples:
+            _take(feed, sample, turning=turning)
+        return feed.twin.report()
+    except Exception as error:  # The description and the messages come from the bus.
+        _LOG.exception("a shadow twin has failed")
+        feeds.pop(request.twin, None)
+        return f"a shadow twin has failed: {error}"
+
+
+_STREAM_OF: Mapping[str, str] = {topic.path: name for name, topic in STREAMS.items()}
+
+
+def _take(feed: ShadowFeed, sample: TwinSample, *, turning: bool) -> None:
+    """Pass on a message, unless it is invalid: any program can publish on this key."""
+    with contextlib.suppress(MessageError):
+        if sample.path == STATUS.path:
+            feed.status = decode_status(sample.payload)
+            return
+        if sample.path == ODOM.path:
+            message: Any = decode_odometry(sample.payload, turning=turning)
+        else:
+            message = decode_joints(sample.payload)
+        feed.add(_STREAM_OF[sample.path], message, decode_stamp(sample.attachment)[1])
