@@ -149,7 +149,7 @@ def state(mode: str = "disarmed", *, you: bool = False, **changed: Any) -> dict[
         "has_control": you,
         "rtt_ms": 5.0,
         "rtt_jitter_ms": 1.0,
-        "pose": [1.24, -0.31, 0.73],
+        "pose": [-12.34, -10.31, -2.36],
         "twist": [0.5, 0.0, 0.1],
         "commanded": [0.5, 0.0, 0.1],
         "truth": None,
