@@ -130,6 +130,8 @@ class ShadowProcess:
 def main(descriptor: int) -> None:
     """Answer requests until the pipe is closed."""
     os.nice(NICE)
+    if hasattr(os, "sched_setscheduler"):  # A dashboard with a real-time priority passes it on.
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # The dashboard ends, and closes the pipe.
     feeds: dict[int, ShadowFeed] = {}
     channel: Connection[ShadowReport | str, _Request] = Connection(descriptor)
