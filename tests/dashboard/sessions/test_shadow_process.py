@@ -38,7 +38,7 @@ def children() -> list[psutil.Process]:
 
 
 def drive(name: str) -> list[list[TwinSample]]:
-    """Return what a robot that drives sends, by period."""
+    """Return the messages of a driving robot, by period."""
     periods: list[list[TwinSample]] = []
     with SimulatedRobot(name, seed=31, noise=1.0) as robot, robot.control() as control:
         for _ in itertools.islice(control.driving(lambda _: (0.1, 0.05, 0.1)), PERIODS):

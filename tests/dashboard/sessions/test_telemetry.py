@@ -92,7 +92,7 @@ snapshots = st.tuples(
 def test_each_state_is_that_of_telemetry_without_a_past(
     name: str, steps: list[tuple[float, float, float, float, float, bool]]
 ) -> None:
-    """What was computed for an earlier snapshot is shown for an equal one only."""
+    """Results for an earlier snapshot are used again only for an equal one."""
     feed = RobotFeed(name, robots.load_robot(name))
     telemetry = RobotTelemetry(feed)
     for speed, turn, asked, moved, applied, turns in steps:

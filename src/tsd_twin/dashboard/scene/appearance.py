@@ -125,7 +125,7 @@ def robot_node(robot_id: str) -> str:
 
 
 class NodeOwner(NamedTuple):
-    """What a node shows."""
+    """Robot and theme of a node."""
 
     robot_id: str | None
     """Robot that it belongs to, or None for a node of the stage."""

@@ -21,7 +21,7 @@ def visible_robots(robots: str) -> frozenset[str] | None:
 def client_filters(
     server: viser.ViserServer, client_id: int
 ) -> tuple[MessageFilter, MessageFilter]:
-    """Return the filters for a new client, of the shared scene and of its own messages."""
+    """Return two filters for a new client: for the shared scene, and for its private messages."""
     visible = visible_robots(robots_of(server, client_id))
     theme = Theme.DARK if "dark" in look_of(server, client_id) else Theme.LIGHT
     return shared_filter(visible, theme), partial(_is_permitted, visible)

@@ -251,7 +251,7 @@ _SETTLED_S = 0.5
 
 
 def _values(snapshot: Snapshot) -> tuple[Any, ...]:
-    """Return what is drawn of a snapshot, to detect changes; most robots of a fleet rest."""
+    """Return the drawn values of a snapshot, to detect changes; most robots of a fleet rest."""
     poses = snapshot.odom, snapshot.truth, snapshot.alternative
     status = snapshot.status
     return (

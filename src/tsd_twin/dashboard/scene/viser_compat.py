@@ -77,7 +77,7 @@ class MessageQueue(AsyncMessageBuffer):
         self.filters: dict[int, MessageFilter] = {}
         """Filters of clients that do not receive everything, by client id."""
         self.catch_up: dict[int, list[Message]] = {}
-        """Messages that take a client from the scene of a former filter to that of its filter."""
+        """Messages that adapt the scene of a client to its new filter."""
 
     def change_filter(self, client_id: int, may_send: MessageFilter) -> None:
         """Replace the filter of a client.
@@ -269,14 +269,14 @@ def filter_clients(
 
 
 def change_filter(client: viser.ClientHandle, may_send: MessageFilter) -> None:
-    """Replace the filter of the shared scene for a client, which then shows what passes it."""
+    """Replace a client's filter for the shared scene, and update its scene accordingly."""
     _SHARED_QUEUE(_SERVER(client))().change_filter(client.client_id, may_send)
 
 
 def scene_recorder(
     server: viser.ViserServer, may_send: MessageFilter
 ) -> viser.infra.StateSerializer:
-    """Return viser's recorder of the shared scene, from now on, without what may not be sent."""
+    """Return viser's recorder of the shared scene and its changes, with the permitted messages."""
 
     def is_recorded(message: Any) -> bool:
         return message.include_in_scene_serialization and may_send(message)
