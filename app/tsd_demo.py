@@ -259,7 +259,7 @@ def start_program(arguments: list[str], stop: threading.Event) -> Generator[Subp
     # In a separate process group: Ctrl-C reaches only the parent, which ends the children in order.
     # If the parent is killed, the broken pipe ends them.
     process = subprocess.Popen(  # noqa: S603  Own program with parsed flags.
-        [sys.executable, "-m", *arguments, "--until-eof"],
+        [sys.executable, "-P", "-m", *arguments, "--until-eof"],
         stdout=subprocess.PIPE,
         stdin=subprocess.PIPE,
         text=True,

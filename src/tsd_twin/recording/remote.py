@@ -70,7 +70,7 @@ class ReaderProcesses:
     def _start(self) -> socket.socket:
         requests, its = socket.socketpair()
         with its:
-            command = [sys.executable, "-m", "tsd_twin.recording.reader_process"]
+            command = [sys.executable, "-P", "-m", "tsd_twin.recording.reader_process"]
             self._process = subprocess.Popen(  # noqa: S603  Our own program.
                 [*command, str(its.fileno())],
                 pass_fds=[its.fileno()],

@@ -6,6 +6,7 @@ import itertools
 import os
 import signal
 from collections.abc import Generator
+from pathlib import Path
 
 import msgspec
 import psutil
@@ -109,3 +110,11 @@ def test_a_process_that_never_answers_is_ended(
     with pytest.raises(TwinError, match="does not answer"):
         process.advance(twin, robot, [])
     assert not children()
+
+
+def test_modules_in_the_current_folder_are_not_loaded(
+    process: ShadowProcess, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "numpy.py").write_text("raise SystemExit('not the library')")
+    monkeypatch.chdir(tmp_path)
+    assert process.advance(process.new_twin(), robots.load_robot("kiwi"), []) == ShadowReport(0.0)

@@ -60,6 +60,7 @@ class Exports:
         end = "" if part.end_s is None else f"{part.end_s!r}"
         process = await asyncio.create_subprocess_exec(
             sys.executable,
+            "-P",
             "-m",
             _PROGRAM,
             kind,

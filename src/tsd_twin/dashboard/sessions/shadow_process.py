@@ -10,7 +10,6 @@ import contextlib
 import itertools
 import logging
 import os
-import signal
 import subprocess
 import sys
 import threading
@@ -109,11 +108,13 @@ class ShadowProcess:
         ours, theirs = Pipe()
         with theirs:
             # `multiprocessing` would import the whole dashboard again.
+            start = f"from {__name__} import main; main({theirs.fileno()})"
             self._process = subprocess.Popen(  # noqa: S603  Our own program.
-                [sys.executable, "-c", f"from {__name__} import main; main({theirs.fileno()})"],
+                [sys.executable, "-P", "-c", start],
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
+                process_group=0,  # Ctrl-C is for the dashboard, which closes the pipe.
             )
         self._channel = ours
         return ours
@@ -132,7 +133,6 @@ def main(descriptor: int) -> None:
     os.nice(NICE)
     if hasattr(os, "sched_setscheduler"):  # A dashboard with a real-time priority passes it on.
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # The dashboard ends, and closes the pipe.
     feeds: dict[int, ShadowFeed] = {}
     channel: Connection[ShadowReport | str, _Request] = Connection(descriptor)
     with channel, contextlib.suppress(EOFError, OSError):
