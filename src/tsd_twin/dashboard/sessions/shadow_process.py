@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import itertools
 import logging
-import os
 import subprocess
 import sys
 import threading
@@ -29,7 +28,13 @@ from tsd_twin.robots import RobotDescription
 from tsd_twin.shadow import STREAMS, ShadowFeed, ShadowReport, ShadowTwin
 
 _LOG = logging.getLogger(__name__)
-NICE = 10
+_LOWER_PRIORITY = """\
+import os
+os.nice(10)
+if hasattr(os, "sched_setscheduler"):  # A dashboard with a real-time priority passes it on.
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+"""
+"""Start of the process: its imports alone take half a second of a processor."""
 ANSWER_TIMEOUT_S = 10.0
 """Time after which a process that does not answer is replaced."""
 
@@ -108,7 +113,7 @@ class ShadowProcess:
         ours, theirs = Pipe()
         with theirs:
             # `multiprocessing` would import the whole dashboard again.
-            start = f"from {__name__} import main; main({theirs.fileno()})"
+            start = f"{_LOWER_PRIORITY}from {__name__} import main; main({theirs.fileno()})"
             self._process = subprocess.Popen(  # noqa: S603  Our own program.
                 [sys.executable, "-P", "-c", start],
                 pass_fds=[theirs.fileno()],
@@ -130,9 +135,6 @@ class ShadowProcess:
 
 def main(descriptor: int) -> None:
     """Answer requests until the pipe is closed."""
-    os.nice(NICE)
-    if hasattr(os, "sched_setscheduler"):  # A dashboard with a real-time priority passes it on.
-        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     feeds: dict[int, ShadowFeed] = {}
     channel: Connection[ShadowReport | str, _Request] = Connection(descriptor)
     with channel, contextlib.suppress(EOFError, OSError):
