@@ -29,12 +29,14 @@ from tsd_twin.shadow import STREAMS, ShadowFeed, ShadowReport, ShadowTwin
 
 _LOG = logging.getLogger(__name__)
 _LOWER_PRIORITY = """\
-import os
+import contextlib, os
 os.nice(10)
-if hasattr(os, "sched_setscheduler"):  # A dashboard with a real-time priority passes it on.
+with contextlib.suppress(AttributeError, OSError):  # Not on all systems.
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 """
-"""Start of the process: its imports alone take half a second of a processor."""
+"""First lines of the process, whose imports alone take half a second of a processor. A dashboard
+with a real-time priority would pass it on.
+"""
 ANSWER_TIMEOUT_S = 10.0
 """Time after which a process that does not answer is replaced."""
 
