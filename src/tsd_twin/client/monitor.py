@@ -89,6 +89,19 @@ class Snapshot:
     in_summary: bool = False
     """Whether states arrive in summaries, twice a second."""
 
+    def motion_key(self) -> tuple[Any, ...]:
+        """Return all poses, twists and joints as one value, to detect changes."""
+        joints = [each for each in (self.joints, self.setpoint) if each is not None]
+        odoms = self.odom, self.truth, self.alternative
+        return (
+            self.joints is None,
+            *(each.names for each in joints),
+            *(each.position_rad.tobytes() + each.velocity_rad_per_s.tobytes() for each in joints),
+            *(each and each.xy_heading.tobytes() + each.twist.tobytes() for each in odoms),
+            *(each and each.pose_covariance.tobytes() for each in odoms),
+            *(each and each.wxyz is not None and each.wxyz.tobytes() for each in odoms),
+        )
+
     def overdue_s(self, now_s: float) -> float:
         """Return the time since a state was due, which is its age unless it is in summaries."""
         return now_s - self.received_s - self.in_summary / topics.SUMMARY.rate_hz

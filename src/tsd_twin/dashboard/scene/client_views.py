@@ -107,9 +107,9 @@ class ClientViews:
 
         It waits for no drawing: a pose that is half old moves an arrow by some pixels.
         """
-        shown = [view for view in list(self._views.values()) if view.page == page]
-        connected = (view for view in shown if not is_disconnected(view.client))
-        return next((view.camera_state for view in connected), None)
+        views = list(self._views.values())
+        shown = (each for each in views if each.page == page and not is_disconnected(each.client))
+        return next((view.camera_state for view in shown), None)
 
     def _on_robots_moved(self) -> None:
         for view in self._connected():

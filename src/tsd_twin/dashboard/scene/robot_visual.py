@@ -252,17 +252,9 @@ _SETTLED_S = 0.5
 
 def _values(snapshot: Snapshot) -> tuple[Any, ...]:
     """Return the drawn values of a snapshot, to detect changes; most robots of a fleet rest."""
-    poses = snapshot.odom, snapshot.truth, snapshot.alternative
     status = snapshot.status
-    return (
-        None if status is None else (status.mode, status.consistency.suspect),
-        *(each and each.xy_heading.tobytes() + each.pose_covariance.tobytes() for each in poses),
-        *(each and each.wxyz is not None and each.wxyz.tobytes() for each in poses),
-        *(
-            each and each.position_rad.tobytes() + each.velocity_rad_per_s.tobytes()
-            for each in (snapshot.joints, snapshot.setpoint)
-        ),
-    )
+    shown = None if status is None else (status.mode, status.consistency.suspect)
+    return shown, snapshot.motion_key()
 
 
 MOST_TILT_RAD = math.radians(75.0)

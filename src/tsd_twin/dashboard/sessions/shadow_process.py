@@ -34,8 +34,8 @@ os.nice(10)
 with contextlib.suppress(AttributeError, OSError):  # Not on all systems.
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 """
-"""First lines of the process, whose imports alone take half a second of a processor. A dashboard
-with a real-time priority would pass it on.
+"""First lines of the process: its imports alone need half a second of CPU time, and it inherits a
+real-time priority of the dashboard.
 """
 ANSWER_TIMEOUT_S = 10.0
 """Time after which a process that does not answer is replaced."""
@@ -137,42 +137,49 @@ class ShadowProcess:
 
 def main(descriptor: int) -> None:
     """Answer requests until the pipe is closed."""
-    feeds: dict[int, ShadowFeed] = {}
+    twins: dict[int, _Twin] = {}
     channel: Connection[ShadowReport | str, _Request] = Connection(descriptor)
     with channel, contextlib.suppress(EOFError, OSError):
         while True:
-            channel.send(_answer(feeds, channel.recv()))
+            channel.send(_answer(twins, channel.recv()))
 
 
-def _answer(feeds: dict[int, ShadowFeed], request: _Request) -> ShadowReport | str:
-    if request.robot is None:
-        feeds.pop(request.twin, None)
-        return ""
-    try:
-        if request.twin not in feeds:
-            feeds[request.twin] = ShadowFeed(ShadowTwin(request.robot))
-        feed = feeds[request.twin]
-        turning = request.robot.kinematics().pose_type is SO3
-        for sample in request.samples:
-            _take(feed, sample, turning=turning)
-        return feed.twin.report()
-    except Exception as error:  # The description and the messages come from the bus.
-        _LOG.exception("a shadow twin has failed")
-        feeds.pop(request.twin, None)
-        return f"a shadow twin has failed: {error}"
+class _Twin:
+    """Twin of a robot, with its decoders."""
+
+    def __init__(self, robot: RobotDescription) -> None:
+        self._feed = ShadowFeed(ShadowTwin(robot))
+        self._turning = robot.kinematics().pose_type is SO3
+
+    def advance(self, samples: Sequence[TwinSample]) -> ShadowReport:
+        for sample in samples:
+            with contextlib.suppress(MessageError):  # Any program can publish on this key.
+                self._take(sample)
+        return self._feed.twin.report()
+
+    def _take(self, sample: TwinSample) -> None:
+        if sample.path == STATUS.path:
+            self._feed.status = decode_status(sample.payload)
+            return
+        if sample.path == ODOM.path:
+            message: Any = decode_odometry(sample.payload, turning=self._turning)
+        else:
+            message = decode_joints(sample.payload)
+        self._feed.add(_STREAM_OF[sample.path], message, decode_stamp(sample.attachment)[1])
 
 
 _STREAM_OF: Mapping[str, str] = {topic.path: name for name, topic in STREAMS.items()}
 
 
-def _take(feed: ShadowFeed, sample: TwinSample, *, turning: bool) -> None:
-    """Pass on a message, unless it is invalid: any program can publish on this key."""
-    with contextlib.suppress(MessageError):
-        if sample.path == STATUS.path:
-            feed.status = decode_status(sample.payload)
-            return
-        if sample.path == ODOM.path:
-            message: Any = decode_odometry(sample.payload, turning=turning)
-        else:
-            message = decode_joints(sample.payload)
-        feed.add(_STREAM_OF[sample.path], message, decode_stamp(sample.attachment)[1])
+def _answer(twins: dict[int, _Twin], request: _Request) -> ShadowReport | str:
+    if request.robot is None:
+        twins.pop(request.twin, None)
+        return ""
+    try:
+        if request.twin not in twins:
+            twins[request.twin] = _Twin(request.robot)
+        return twins[request.twin].advance(request.samples)
+    except Exception as error:  # The description and the messages come from the bus.
+        _LOG.exception("a shadow twin has failed")
+        twins.pop(request.twin, None)
+        return f"a shadow twin has failed: {error}"

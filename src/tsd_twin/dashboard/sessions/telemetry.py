@@ -78,17 +78,7 @@ class RobotTelemetry:
 
     def _motion(self, snapshot: Snapshot, status: RobotStatus) -> dict[str, Any]:
         """Return poses and actuators, computed again only after a change: most robots rest."""
-        odoms = snapshot.odom, snapshot.truth, snapshot.alternative
-        key = (
-            status.limits,
-            status.wheel_speed,
-            *(
-                each and each.position_rad.tobytes() + each.velocity_rad_per_s.tobytes()
-                for each in (snapshot.joints, snapshot.setpoint)
-            ),
-            *(each and each.xy_heading.tobytes() + each.twist.tobytes() for each in odoms),
-            *(each and each.wxyz is not None and each.wxyz.tobytes() for each in odoms),
-        )
+        key = status.limits, status.wheel_speed, snapshot.motion_key()
         if self._last_motion is None or key != self._last_motion[0]:
             self._last_motion = key, self._computed_motion(snapshot, status)
         return self._last_motion[1]
