@@ -197,8 +197,7 @@ def test_own_dashboard(endpoint: str, tmp_path: Path) -> None:
             with viser_client(int(address.rsplit(":", 1)[1])) as viewer:
                 drive_by_sliders(robot, viewer)
             until(robot, lambda: robot.state.mode == "ready")  # The browser is closed.
-            robot.sleep(0.5)
-            assert abs(robot.state.odom.twist.vx_mps) < 0.01
+            until(robot, lambda: abs(robot.state.odom.twist.vx_mps) < 0.01)
             script.terminate()
             until(robot, lambda: robot.state.lease.holder is None)
     finally:
