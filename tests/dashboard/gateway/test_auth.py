@@ -252,7 +252,7 @@ def test_what_a_viewer_says_to_viser_has_no_effect(server: viser.ViserServer, se
 def test_the_page_of_one_login_is_not_that_of_another(served: Site) -> None:
     with served.page(PAGE, user="alice", cookie=cookie_of(served.port, "alice")) as page:
         page.until(lambda: page.state)
-        for path in (f"/teleop?page={PAGE}", f"/viser/{PAGE}"):
+        for path in (f"/teleop?page={PAGE}", f"/teleop/lane?page={PAGE}", f"/viser/{PAGE}"):
             with pytest.raises(InvalidStatus) as refused:
                 connect(
                     f"ws://127.0.0.1:{served.port}{path}",

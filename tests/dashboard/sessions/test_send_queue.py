@@ -1,14 +1,20 @@
-"""The queue for a slow page is bounded, and keeps only the latest states."""
+"""The queue for a slow page is bounded, keeps only the latest states, and spreads them."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from typing import Any, cast
 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsd_twin.dashboard.sessions.send_queue import MAX_QUEUED, MAX_UNACKNOWLEDGED, SendQueue
+from tsd_twin.dashboard.sessions.send_queue import (
+    MAX_QUEUED,
+    MAX_UNACKNOWLEDGED,
+    Lane,
+    SendQueue,
+)
 
 
 class Pipe:
@@ -122,3 +128,34 @@ def test_a_confirmation_of_what_was_never_sent_changes_nothing() -> None:
         queue.put_state(1, "state")
 
     assert deliver(act) == ["state"]
+
+
+@given(st.integers(0, 3), st.integers(0, 3))
+def test_a_stalled_lane_holds_up_one_state_and_no_reply(lanes: int, stalled: int) -> None:
+    async def run() -> list[list[str]]:
+        queue, pipes = SendQueue(), [Pipe() for _ in range(lanes + 1)]
+        opened = [Lane(cast("Any", pipe)) for pipe in pipes[1:]]
+        tasks = [asyncio.create_task(queue.run(cast("Any", pipes[0])))]
+        for pipe in pipes[1 : stalled + 1]:
+            pipe.gate.clear()
+        for lane in opened:
+            queue.add_lane(lane)
+            tasks.append(asyncio.create_task(lane.run()))
+        for number in range(40):
+            queue.put_state(number, str(number))
+            queue.put(f"reply {number}")
+            queue.acknowledge(number - 1)
+            for _ in range(4):
+                await asyncio.sleep(0)
+        for task in tasks:
+            task.cancel()
+        return [pipe.sent_commands for pipe in pipes]
+
+    main, *others = asyncio.run(run())
+    assert [text for text in main if "reply" in text] == [f"reply {i}" for i in range(40)]
+    running = [main, *others[stalled:]]
+    states = [int(text) for each in running for text in each if "reply" not in text]
+    held_up = min(stalled, lanes)
+    assert len(states) == len({*states}) == 40 - held_up
+    shares = [sum("reply" not in text for text in each) for each in running]
+    assert max(shares) - min(shares) <= 1 + held_up

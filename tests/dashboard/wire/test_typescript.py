@@ -47,7 +47,7 @@ def test_a_message_has_exactly_the_properties_that_its_json_has() -> None:
 def test_a_page_may_leave_out_the_fields_that_have_a_default() -> None:
     assert properties("DriveCommand") == {
         **dict.fromkeys(("t", "vx", "vy", "omega", "status_seq"), False),
-        "frame": True,
+        **dict.fromkeys(("number", "selection", "frame"), True),
     }
     assert properties("Reason") == {"code": False, "params": True, "cause": True}
 

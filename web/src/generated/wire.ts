@@ -335,6 +335,8 @@ export interface RobotInfo {
   not_promised: string[];
   /** Names of the values available for plots; each ends with its unit. */
   plot_fields: string[];
+  /** Counts the robots selected on this page, with their restarts. */
+  selection: number;
 }
 
 /** Speed range of continuously spinning wheels, and the resulting limits. */
@@ -397,6 +399,8 @@ export interface RobotState {
   past: PastState | null;
   /** Present while the page shows the comparison. */
   shadow: ShadowReport | null;
+  /** `RobotInfo.selection` of the robot; 0 in recordings. */
+  selection: number;
 }
 
 /** `state/status`. */
@@ -876,6 +880,14 @@ export interface Cursor {
 /** Drive command: twist in m/s and rad/s in `frame`; for spheres wx, wy, wz in rad/s. */
 export interface DriveCommand {
   t: "drive";
+  /**
+   * Increases with each of them, so that none is obeyed after a newer one.
+   *
+   * 0 is allowed on the main socket, which keeps the order. At least 0, at most 9 007 199 254 740 992.
+   */
+  number?: number;
+  /** `RobotInfo.selection` of the robot shown; 0 is allowed on the main socket. At least 0, at most 9 007 199 254 740 992. */
+  selection?: number;
   vx: number;
   vy: number;
   omega: number;
@@ -887,6 +899,14 @@ export interface DriveCommand {
 /** Command to follow the planned path; like `drive`, it must be repeated. */
 export interface FollowPlan {
   t: "follow_plan";
+  /**
+   * Increases with each of them, so that none is obeyed after a newer one.
+   *
+   * 0 is allowed on the main socket, which keeps the order. At least 0, at most 9 007 199 254 740 992.
+   */
+  number?: number;
+  /** `RobotInfo.selection` of the robot shown; 0 is allowed on the main socket. At least 0, at most 9 007 199 254 740 992. */
+  selection?: number;
   /** Number of the path, which changes with each planning. At least 0, at most 9 007 199 254 740 992. */
   route: number;
   /** At least 0, at most 9 007 199 254 740 992. */
@@ -896,6 +916,14 @@ export interface FollowPlan {
 /** All controls have been released. */
 export interface ReleaseControls {
   t: "release";
+  /**
+   * Increases with each of them, so that none is obeyed after a newer one.
+   *
+   * 0 is allowed on the main socket, which keeps the order. At least 0, at most 9 007 199 254 740 992.
+   */
+  number?: number;
+  /** `RobotInfo.selection` of the robot shown; 0 is allowed on the main socket. At least 0, at most 9 007 199 254 740 992. */
+  selection?: number;
 }
 
 /** Request to plan a path to a point on the floor, or along a drawn line. */
@@ -984,6 +1012,8 @@ export interface StopCommand {
   /** At most 32 characters. */
   robot?: string | null;
   all?: boolean;
+  /** Number of this press if it is sent over several sockets: copies of it have no effect. At least 0, at most 9 007 199 254 740 992. */
+  number?: number;
 }
 
 /** Display name of the operator, in any script; ignored with a login. */

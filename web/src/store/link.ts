@@ -1,4 +1,4 @@
-// WebSocket to the dashboard: the latest message of each kind as signals, and the round trip.
+// Connection to the dashboard: the latest message of each kind as signals, and the round trip.
 
 import { signal } from "@preact/signals";
 import type {
@@ -11,6 +11,7 @@ import type {
   ServerMessage,
   SessionInfo,
 } from "../generated/wire";
+import { Lanes, MAX_BUFFERED_BYTES, SILENT_MS } from "./lanes";
 
 type Incoming = ServerMessage | RecordedServerMessage;
 type Kind = Incoming["t"];
@@ -22,12 +23,11 @@ export interface PastEvent extends RobotEvent {
 }
 
 const HEARTBEAT_MS = 100;
-const SERVER_TIMEOUT_MS = 2000; // The connection is lost after this time without an echo.
-const LONGEST_BEAT_MS = 2 * HEARTBEAT_MS; // A page that stalled for longer has unread echoes.
+const LONGEST_BEAT_MS = 2 * HEARTBEAT_MS; // A page that stalled for longer has unread messages.
 const RETRY_MS = 500;
 const LOADING_BEATS = 50; // Five seconds of page activity; loading may block for longer.
-const MAX_BUFFERED_BYTES = 1024; // Messages buffered in the browser would be too old to send.
-const URGENT = new Set<string>(["release", "stop", "stop_robots"]); // They can only stop robots.
+const URGENT = new Set<string>(["release", "stop"]); // They can only stop robots: over all sockets.
+const LATEST = new Set<string>(["drive", "follow_plan", "heartbeat"]); // Over one socket each.
 const MAX_ROUND_TRIPS = 50; // Five seconds.
 const MAX_STATES = 100;
 const MAX_HISTORY = 100;
@@ -60,12 +60,17 @@ export class Link {
 
   #listeners = new Map<Kind, Set<(message: never) => void>>();
   #socket: WebSocket | null = null;
+  #lanes = new Lanes(
+    () => socketAddress("teleop/lane", { page: this.page }),
+    (text) => this.#receive(JSON.parse(text) as Incoming),
+  );
+  #number = 0; // Of the latest message that may travel over any socket.
   #requestedRobot: string | null = null;
   #loadingBeats = LOADING_BEATS;
   trips: number[] = [];
   #seen: number[] = []; // Sequence numbers of the latest states.
   #beatMs = performance.now();
-  #silentMs = 0; // Time without an echo while the page was running.
+  #silentMs = 0; // Time without a message while the page was running.
 
   /**
    * `page` has 16 hex digits, and grants no rights. A `recording` is shown instead of the live
@@ -98,11 +103,23 @@ export class Link {
 
   /** Send a message without queueing; return whether it was sent. */
   send(message: PageMessage | RecordedPageMessage): boolean {
-    const socket = this.#socket;
-    if (socket?.readyState !== WebSocket.OPEN) return false;
-    if (socket.bufferedAmount > MAX_BUFFERED_BYTES && !URGENT.has(message.t)) return false;
-    socket.send(JSON.stringify(message));
+    const main = this.#socket;
+    if (main?.readyState !== WebSocket.OPEN) return false;
+    const isUrgent = URGENT.has(message.t);
+    const socket = LATEST.has(message.t) ? this.#lanes.next(main) : main;
+    if (socket.bufferedAmount > MAX_BUFFERED_BYTES && !isUrgent) return false;
+    const text = JSON.stringify(this.#numbered(message));
+    for (const each of isUrgent ? [main, ...this.#lanes.open] : [socket]) each.send(text);
     return true;
+  }
+
+  /** Return a message with what the dashboard needs if another socket delivers it late. */
+  #numbered(message: PageMessage | RecordedPageMessage): object {
+    if (message.t === "heartbeat" || !(LATEST.has(message.t) || URGENT.has(message.t)))
+      return message;
+    const number = (this.#number += 1);
+    const selection = this.robot.peek()?.selection ?? 0;
+    return message.t === "stop" ? { ...message, number } : { ...message, number, selection };
   }
 
   /** Select another robot, once connected. */
@@ -132,7 +149,9 @@ export class Link {
       this.#sendHeartbeat();
     };
     socket.onmessage = (event) => {
-      if (socket === this.#socket) this.#receive(JSON.parse(event.data as string) as Incoming);
+      if (socket !== this.#socket) return;
+      this.#silentMs = 0;
+      this.#receive(JSON.parse(event.data as string) as Incoming);
     };
     socket.onclose = () => {
       if (socket === this.#socket) this.#onClose();
@@ -141,6 +160,7 @@ export class Link {
 
   #onClose(): void {
     this.#socket = null;
+    this.#lanes.close();
     this.trips = [];
     this.#seen = [];
     this.pageMs = this.pageJitterMs = null;
@@ -155,13 +175,15 @@ export class Link {
   #sendHeartbeat(): void {
     if (this.#loadingBeats > 0) this.#loadingBeats -= 1;
     const now = performance.now();
-    this.#silentMs += Math.min(now - this.#beatMs, LONGEST_BEAT_MS);
+    const ranMs = Math.min(now - this.#beatMs, LONGEST_BEAT_MS);
+    this.#silentMs += ranMs;
     this.#beatMs = now;
-    if (this.connected.peek() && this.#silentMs > SERVER_TIMEOUT_MS) {
+    if (this.connected.peek() && this.#silentMs > SILENT_MS) {
       const socket = this.#socket;
       this.#onClose(); // First, because closing the socket may take arbitrarily long.
       socket?.close();
     } else if (this.connected.peek()) {
+      if (this.state.peek()?.has_control) this.#lanes.keep(ranMs);
       const focus = document.hasFocus() && document.visibilityState === "visible";
       const status_seq = this.state.peek()?.status_seq ?? 0;
       this.send({ t: "heartbeat", status_seq, sent_ms: now, focus });
@@ -175,6 +197,7 @@ export class Link {
         this.#measure(message.sent_ms);
         break;
       case "state":
+        if (this.#isLate(message)) return;
         this.stateMs = performance.now();
         this.#loadingBeats = 0;
         this.#count(message.status_seq);
@@ -182,7 +205,7 @@ export class Link {
         break;
       case "robot":
         if (message.id !== this.robot.peek()?.id) this.stateMs = -Infinity;
-        this.#seen = [];
+        if (message.selection !== this.robot.peek()?.selection) this.#seen = [];
         this.#requestedRobot = null;
         this.history.value = []; // The dashboard sends it again.
         this.robot.value = message;
@@ -212,8 +235,13 @@ export class Link {
       this.send({ t: "robot", id: before });
   }
 
+  /** Whether another socket has overtaken a state, or it is of another robot. */
+  #isLate({ selection, status_seq }: RobotState): boolean {
+    const isOther = selection > 0 && selection !== this.robot.peek()?.selection;
+    return isOther || (selection > 0 && status_seq <= (this.#seen.at(-1) ?? -1));
+  }
+
   #measure(sentMs: number): void {
-    this.#silentMs = 0;
     this.trips = [...this.trips, performance.now() - sentMs].slice(-MAX_ROUND_TRIPS);
     this.pageMs = quantile(this.trips.slice(-9), 0.5);
     this.pageJitterMs = quantile(this.trips, 0.95) - quantile(this.trips, 0.5);

@@ -10,6 +10,9 @@ export interface Message {
 export class FakeSocket {
   static readonly OPEN = 1;
   static newest: FakeSocket;
+  /** Lanes that pages have opened, oldest first. */
+  static readonly lanes: FakeSocket[] = [];
+  readonly OPEN = 1;
   readyState = FakeSocket.OPEN;
   bufferedAmount = 0;
   readonly sent: Message[] = [];
@@ -18,7 +21,11 @@ export class FakeSocket {
   onmessage = (_: { data: string }) => {};
 
   constructor(readonly address: URL) {
-    FakeSocket.newest = this;
+    if (!address.pathname.endsWith("/lane")) FakeSocket.newest = this;
+    else {
+      this.readyState = 0; // A test opens it.
+      FakeSocket.lanes.push(this);
+    }
   }
 
   /** Note a message; a heartbeat comes back at once, so that the link stays connected. */
@@ -37,11 +44,17 @@ export class FakeSocket {
     this.onmessage({ data: JSON.stringify(message) });
   }
 
-  /** Return the messages of these types, or all but heartbeats and views, and forget all. */
+  /**
+   * Return the messages of these types, or all but heartbeats and views, and forget all. What
+   * orders them among sockets is left out.
+   */
   take(...types: string[]): Message[] {
     const isAsked = ({ t }: Message) =>
       types.length === 0 ? !["heartbeat", "view"].includes(t) : types.includes(t);
-    return this.sent.splice(0).filter(isAsked);
+    const found = this.sent.splice(0).filter(isAsked);
+    return found.map(({ number, selection, ...message }) =>
+      message.t === "student" ? { ...message, number } : message,
+    );
   }
 }
 
@@ -52,6 +65,7 @@ const listen: (...listening: Listening) => void = addEventListener;
 /** Open a window: listeners of the page before, which would take the keys of the next, are gone. */
 export function openWindow(): void {
   vi.stubGlobal("WebSocket", FakeSocket);
+  FakeSocket.lanes.length = 0;
   for (const listening of listenings.splice(0)) removeEventListener(...listening);
   vi.stubGlobal("addEventListener", (...listening: Listening) => {
     listenings.push(listening);

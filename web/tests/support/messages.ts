@@ -27,6 +27,7 @@ export const ROBOT = {
   not_promised: [],
   wheel_speed_limits: null,
   alternative_estimate: null,
+  selection: 1,
 } as RobotInfo;
 
 export const LEASE = {
@@ -64,6 +65,7 @@ export const STATUS = {
 
 export const STATE = {
   t: "state",
+  selection: 1,
   status_seq: 0,
   robot_s: 1,
   age_ms: 0,

@@ -50,7 +50,10 @@ class ConnectionLimits:
     per_address: int = 32
     """Maximum number of unauthenticated connections per address, except the proxy's."""
     per_user: int = 128
-    """Maximum number of connections per user over all browsers; a page keeps two open."""
+    """Maximum number of connections per user over all browsers.
+
+    A page keeps two open, three more for lanes while it has control, and up to eight for pictures.
+    """
     handshake_s: float = 5.0
     """Timeout of the TLS handshake."""
     request_s: float = 10.0

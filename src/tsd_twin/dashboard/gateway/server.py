@@ -135,6 +135,7 @@ class HttpServer:
         PortraitRoutes(self.sessions.directory.links).add_to(app.router)
         app.router.add_get("/healthz", self._serve_health)
         app.router.add_get("/teleop", self._serve_page_socket)
+        app.router.add_get("/teleop/lane", self._serve_lane)
         if self._pictures is not None:
             app.router.add_get("/cameras", self._pictures.serve_list)
             app.router.add_get("/pictures", self._serve_pictures)
@@ -258,6 +259,12 @@ class HttpServer:
             raise web.HTTPNotFound(text="This dashboard shows no recordings.")
         async with self._recorded.view(page, recording, request[PRINCIPAL]) as view:
             return await self._run_page(request, page, partial(self._recorded.run_session, view))
+
+    async def _serve_lane(self, request: web.Request) -> web.StreamResponse:
+        page = await self._admit(request, request.query.get("page", ""))
+        if not self.sessions.accepts_lane(page):
+            raise web.HTTPConflict(text="The page is not open, or has all its lanes.")
+        return await self._run_page(request, page, self.sessions.run_lane)
 
     async def _serve_pictures(self, request: web.Request) -> web.StreamResponse:
         assert self._pictures is not None  # noqa: S101  Or there is no such route.

@@ -18,6 +18,7 @@ from tsd_twin.dashboard.sessions.stops import LiveRobots
 from tsd_twin.dashboard.sessions.telemetry import RobotTelemetry
 from tsd_twin.dashboard.wire.from_page import (
     AddMark,
+    PageHeartbeat,
     Pause,
     Play,
     RecordedPageMessage,
@@ -125,6 +126,9 @@ class RecordedSession(PageSession):
         match message:
             case StopCommand():
                 self._stop(message, None)
+            case PageHeartbeat():
+                self._echo(message)
+                self._handle_common(message)
             case AddMark():
                 self._mark(message.note)
             case StudentRequest():

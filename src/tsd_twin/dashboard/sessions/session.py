@@ -9,6 +9,7 @@ import asyncio
 from collections.abc import Mapping
 
 import msgspec
+from aiohttp import WSMsgType
 
 from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.dashboard.scene.client_nodes import StudentPose
@@ -25,6 +26,7 @@ from tsd_twin.dashboard.sessions.page_session import (
 )
 from tsd_twin.dashboard.sessions.previews import LookBackSession, PreviewSession
 from tsd_twin.dashboard.sessions.principal import shown_name
+from tsd_twin.dashboard.sessions.send_queue import Lane
 from tsd_twin.dashboard.sessions.stops import LiveRobots
 from tsd_twin.dashboard.sessions.student import StudentSession
 from tsd_twin.dashboard.sessions.teleop import TeleopController
@@ -35,8 +37,10 @@ from tsd_twin.dashboard.wire.from_page import (
     DriveCommand,
     FollowPlan,
     HolderMessage,
+    LaneMessage,
     LeaseAction,
     LookBack,
+    MotionMessage,
     PageHeartbeat,
     PageMessage,
     PreviewRequest,
@@ -103,6 +107,8 @@ class Session(PageSession):
         self._look_back = LookBackSession(page, self._directory, scene)
         self._preview = PreviewSession(page, self._directory, scene, self._queue)
         self._motion: DriveCommand | FollowPlan | None = None
+        self._motion_number = 0
+        self._selection = 0
         self._map_data = map_data
         self._shows_shadow = False
 
@@ -130,14 +136,35 @@ class Session(PageSession):
         self._teleop.close()
         self._student.close()
         self._preview.end()
+        await asyncio.gather(*(lane.socket.close() for lane in self._queue.lanes))
         await self._lease_client.close()
+
+    @property
+    def lane_count(self) -> int:
+        """Number of open lanes."""
+        return len(self._queue.lanes)
+
+    async def run_lane(self, opened: PageSocket) -> None:
+        """Exchange motion messages, heartbeats, stops and states over a lane until it is closed."""
+        lane = Lane(opened.socket)
+        sending = asyncio.create_task(lane.run())
+        self._queue.add_lane(lane)
+        try:
+            with opened.holding:
+                async for message in opened.messages:
+                    if message.type is WSMsgType.TEXT:
+                        self.receive(message.data, lane)
+        finally:
+            self._queue.remove_lane(lane)
+            sending.cancel()
+            await asyncio.gather(sending, return_exceptions=True)
 
     def _show_student(self, pose: StudentPose | None) -> None:
         self._scene.draw(self.page, "student", lambda view: view.show_student(pose))
 
     # Messages from the page.
 
-    def receive(self, text: str | bytes) -> None:
+    def receive(self, text: str | bytes, lane: Lane | None = None) -> None:
         """Handle one message; invalid messages raise nothing and allocate nothing.
 
         A motion command is applied after all messages received with it. A newer one replaces it,
@@ -145,12 +172,19 @@ class Session(PageSession):
         """
         try:
             message = decode_page_message(text)
+            if lane is not None:
+                _check_lane_message(message)
         except MessageError as error:
             self.reject(error)
+            return
+        if isinstance(message, MotionMessage) and self._is_late(message):
             return
         match message:
             case StopCommand():
                 pass  # Already published.
+            case PageHeartbeat():
+                self._echo(message, lane)
+                self._move()
             case DriveCommand() | FollowPlan():
                 if self._motion is None:
                     asyncio.get_running_loop().call_soon(self._move)
@@ -163,6 +197,15 @@ class Session(PageSession):
             case _:
                 self._move()
         self._try(message)
+
+    def _is_late(self, message: MotionMessage) -> bool:
+        """Return whether a newer one has arrived over another socket, or the robot is another."""
+        if message.number > 0:
+            if message.number <= self._motion_number:
+                return True
+            self._motion_number = message.number
+        stops = isinstance(message, ReleaseControls)
+        return not stops and message.selection not in (0, self._selection)
 
     def _move(self) -> None:
         message, self._motion = self._motion, None
@@ -313,6 +356,7 @@ class Session(PageSession):
             route=self._teleop.navigation.route_state,
             plot=self._plot_values(),
             camera=self._scene.camera_state(self.page),
+            selection=self._selection,
             map=self._map_state() if self._shows_map else None,
             stop_reaches=self._stop_reaches(),
             past=self._look_back.show(self.robot_id),
@@ -352,9 +396,25 @@ class Session(PageSession):
             return
         if robot.link is not self._sent_link:  # Its numbers start again.
             self._sent_link = robot.link
+            self._selection += 1
             self._queue.drop_states()
-        self.send(robot.telemetry.info())
+        self.send(msgspec.structs.replace(robot.telemetry.info(), selection=self._selection))
         for age_s, event in self._directory.events(robot.link.id):
             self.send_event(event, past=True, age_s=age_s)
         if (state := self._directory.state(robot.link.id)) is not None:
             self.show(state)
+
+
+def _check_lane_message(message: PageMessage) -> None:
+    """Check that a message does not depend on the order of sockets.
+
+    Raises:
+        MessageError: With code `shape` otherwise.
+    """
+    if not isinstance(message, LaneMessage):
+        raise MessageError("shape", "not a message for a lane")
+    moves = isinstance(message, DriveCommand | FollowPlan)
+    if isinstance(message, MotionMessage | StopCommand) and message.number == 0:
+        raise MessageError("shape", "a message on a lane needs a number")
+    if moves and message.selection == 0:
+        raise MessageError("shape", "a command on a lane needs a selection")

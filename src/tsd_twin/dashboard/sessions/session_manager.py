@@ -21,6 +21,9 @@ from tsd_twin.dashboard.wire.from_page import Message
 from tsd_twin.dashboard.wire.to_page import SphereClick
 from tsd_twin.messages.events import Event
 
+MAX_LANES = 3
+"""Most lanes of a page: sockets in addition to its main one."""
+
 
 class SessionManager:
     """Sessions of all connected pages, on one event loop.
@@ -157,6 +160,16 @@ class SessionManager:
         """Return the principal of a page, or None if the page is not open."""
         session = self._sessions.get(page)
         return None if session is None else session.principal
+
+    def accepts_lane(self, page: str) -> bool:
+        """Return whether a page is open and has fewer than `MAX_LANES`."""
+        session = self._sessions.get(page)
+        return session is not None and session.lane_count < MAX_LANES
+
+    async def run_lane(self, socket: PageSocket) -> None:
+        """Run a lane of a page, if the page is still open, until either is closed."""
+        if (session := self._sessions.get(socket.page)) is not None:
+            await session.run_lane(socket)
 
     async def run_session(self, socket: PageSocket) -> None:
         """Run the session of a page while its socket is open."""

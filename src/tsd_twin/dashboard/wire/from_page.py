@@ -36,7 +36,19 @@ class Message(msgspec.Struct, frozen=True, tag_field="t", kw_only=True):
     """Base class of messages: a JSON object with its type in `t`."""
 
 
-class DriveCommand(Message, frozen=True, tag="drive"):
+class MotionMessage(Message, frozen=True, kw_only=True):
+    """Base of the messages of held controls, which may arrive over any socket of a page."""
+
+    number: Count = 0
+    """Increases with each of them, so that none is obeyed after a newer one.
+
+    0 is allowed on the main socket, which keeps the order.
+    """
+    selection: Count = 0
+    """`RobotInfo.selection` of the robot shown; 0 is allowed on the main socket."""
+
+
+class DriveCommand(MotionMessage, frozen=True, kw_only=True, tag="drive"):
     """Drive command: twist in m/s and rad/s in `frame`; for spheres wx, wy, wz in rad/s."""
 
     vx: float
@@ -71,7 +83,7 @@ class ClearPlan(Message, frozen=True, tag="clear_plan"):
     """Clear the path."""
 
 
-class FollowPlan(Message, frozen=True, tag="follow_plan"):
+class FollowPlan(MotionMessage, frozen=True, kw_only=True, tag="follow_plan"):
     """Command to follow the planned path; like `drive`, it must be repeated."""
 
     route: Count
@@ -79,7 +91,7 @@ class FollowPlan(Message, frozen=True, tag="follow_plan"):
     status_seq: Count
 
 
-class ReleaseControls(Message, frozen=True, tag="release"):
+class ReleaseControls(MotionMessage, frozen=True, tag="release"):
     """All controls have been released."""
 
 
@@ -136,6 +148,8 @@ class StopCommand(Message, frozen=True, tag="stop"):
 
     robot: RobotId | None = None
     all: bool = False
+    number: Count = 0
+    """Number of this press if it is sent over several sockets: copies of it have no effect."""
 
 
 class SelectRobot(Message, frozen=True, tag="robot"):
@@ -232,6 +246,8 @@ class StudentRequest(Message, frozen=True, tag="student"):
     """Whether the scene of this page shows the robot with these joints, in place of its own."""
 
 
+LaneMessage: TypeAlias = DriveCommand | FollowPlan | ReleaseControls | PageHeartbeat | StopCommand
+"""Messages accepted over the lanes of a page."""
 TeleopMessage: TypeAlias = (
     DriveCommand | FollowPlan | ReleaseControls | PlanRequest | SetSpeedLevel | ClearPlan
 )

@@ -81,6 +81,8 @@ class RobotInfo(Message, frozen=True, tag="robot"):
     """Safety rules that cannot be guaranteed without our node on the robot, one sentence each."""
     plot_fields: Sequence[str] = ()
     """Names of the values available for plots; each ends with its unit."""
+    selection: int = 0
+    """Counts the robots selected on this page, with their restarts."""
 
 
 LimitName: TypeAlias = Literal["speed", "turn_rate", "tilt", "wheel_speed"]
@@ -258,6 +260,8 @@ class RobotState(Message, frozen=True, tag="state"):
     """Present while the page draws the past state."""
     shadow: ShadowReport | None = None
     """Present while the page shows the comparison."""
+    selection: int = 0
+    """`RobotInfo.selection` of the robot; 0 in recordings."""
 
 
 class MapLines(Message, frozen=True, tag="map_lines"):

@@ -25,7 +25,12 @@ from msgspec import inspect
 
 import tsd_twin.dashboard.wire as package
 from tsd_twin.dashboard.wire import to_page
-from tsd_twin.dashboard.wire.from_page import Message, PageMessage, RecordedPageMessage
+from tsd_twin.dashboard.wire.from_page import (
+    Message,
+    MotionMessage,
+    PageMessage,
+    RecordedPageMessage,
+)
 from tsd_twin.dashboard.wire.typescript_tables import HEADER, codes_module, sentences_module
 from tsd_twin.dashboard.wire.typescript_texts import texts_module
 
@@ -93,6 +98,7 @@ FOLDER = Path(__file__).parents[4] / "web/src/generated"
 """Folder in the checkout; a wheel has none."""
 RECORDED_ONLY = frozenset({to_page.Timeline, to_page.PastStates, to_page.Cursor})
 """Messages sent only to a page that shows a recording."""
+_BASES = Message, MotionMessage
 WIDTH = 100
 
 Struct = type[msgspec.Struct]
@@ -150,7 +156,7 @@ def wire_structs() -> Iterator[Struct]:
     for module in _modules():
         for each in vars(module).values():
             is_struct = isinstance(each, type) and issubclass(each, msgspec.Struct)
-            if is_struct and each.__module__ == module.__name__ and each is not Message:
+            if is_struct and each.__module__ == module.__name__ and each not in _BASES:
                 yield each
 
 
