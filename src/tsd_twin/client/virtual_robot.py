@@ -40,10 +40,11 @@ class VirtualRobot:
     """Robot controller and simulator in virtual time, driven by twists, without a bus.
 
     The rules of the real robot apply: arming, limits, command gate. Poses are relative to a mark,
-    set where the robot became ready. A simulation that was used before continues from `start_s`.
+    set where the robot became ready; a robot that turns a sphere has no pose. A simulation that was
+    used before continues from `start_s`.
 
     Raises:
-        TwinError: If the robot turns a sphere or does not become ready.
+        TwinError: If the robot does not become ready.
     """
 
     def __init__(self, robot: RobotDescription, simulated: SimRobot, start_s: float = 0.0) -> None:
@@ -60,11 +61,11 @@ class VirtualRobot:
         self._status_seq = 0
         self._mark = SE2.identity()
         self._step(None)
-        self._true_pose()
         self._protocol = ControlProtocol(robot.name, robot, _LAB)
         self._lease = self._acquire()
         self._arm()
-        self.mark()
+        if isinstance(self.simulated.truth(self.now_s).pose, SE2):
+            self.mark()
 
     def mark(self) -> None:
         """Set the mark to the current true pose and the estimate to zero."""
