@@ -9,14 +9,17 @@ import { Scene } from "../scene/scene";
 import { type Session, SessionContext } from "../session";
 import type { Tab } from "../store/layout";
 import { language, texts } from "../text/text";
-import { Timeline } from "../timeline/timeline";
+import { Live } from "../timeline/live";
+import { Recorded } from "../timeline/recorded";
+import { Recordings } from "../timeline/recordings";
+import "../timeline/timeline.css";
 import "./shell.css";
 
 /** Tabs that need more room than a column, in windows from 1,280 px. */
 const WIDTHS: Partial<Record<Tab, "wide" | "wider">> = { plots: "wide", student: "wider" };
 
 export function App({ session }: { session: Session }) {
-  const { layout, link } = session;
+  const { layout, library, link } = session;
   const robot = link.robot.value;
   const { common } = texts();
   const isFleet = layout.screen.value === "fleet";
@@ -42,7 +45,8 @@ export function App({ session }: { session: Session }) {
         ) : (
           <>
             <Panel />
-            <Timeline />
+            {link.recording === null ? <Live /> : <Recorded />}
+            {library.open.value && <Recordings />}
           </>
         )}
       </div>

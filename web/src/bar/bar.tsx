@@ -1,6 +1,5 @@
 // Bar: which robot, what it does, who drives, and how good link and battery are.
 
-import { type Signal, useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { useSession } from "../session";
 import { texts } from "../text/text";
@@ -12,33 +11,30 @@ import { Actions, Question, Who } from "./driver";
 import { Battery, FleetLink, LinkFact, Mode, withHash } from "./facts";
 import "./bar.css";
 
-/** The dialog of the bar that is open. */
-export type Opened = Signal<"sheet" | "name" | "takeover" | null>;
-
 export function Bar() {
   const { layout, link, keyboard } = useSession();
-  const opened: Opened = useSignal(null);
+  const { dialog } = layout;
   const { bar } = texts();
   useLogin(link);
-  const toggle = () => (opened.value = opened.peek() === "sheet" ? null : "sheet");
+  const toggle = () => (dialog.value = dialog.peek() === "sheet" ? null : "sheet");
   useEffect(() => keyboard.bind({ "?": toggle }), [keyboard]);
   const isFleet = layout.screen.value === "fleet";
   return (
     <header class="bar">
-      {isFleet ? <FleetTitle /> : <OfRobot opened={opened} />}
-      <Button class="roomy" onPress={() => (opened.value = "name")}>
+      {isFleet ? <FleetTitle /> : <OfRobot />}
+      <Button class="roomy" onPress={() => (dialog.value = "name")}>
         <OwnName />
       </Button>
       {!isFleet && <FleetLink />}
       <Button icon="help" label={bar.help} onPress={toggle} />
-      {opened.value === "sheet" && <Sheet opened={opened} />}
-      {opened.value === "name" && <NameDialog opened={opened} />}
-      {opened.value === "takeover" && <TakeOver opened={opened} />}
+      {dialog.value === "sheet" && <Sheet />}
+      {dialog.value === "name" && <NameDialog />}
+      {dialog.value === "takeover" && <TakeOver />}
     </header>
   );
 }
 
-function OfRobot({ opened }: { opened: Opened }) {
+function OfRobot() {
   const { gamepad, layout, link } = useSession();
   const { bar } = texts();
   return (
@@ -51,7 +47,7 @@ function OfRobot({ opened }: { opened: Opened }) {
         </bdi>
       )}
       {!layout.phone.value && <Who />}
-      {!layout.phone.value && <Actions opened={opened} />}
+      {!layout.phone.value && <Actions />}
       <Question />
       <span class="spacer" />
       {gamepad.name.value !== null && link.recording === null && (
@@ -59,7 +55,7 @@ function OfRobot({ opened }: { opened: Opened }) {
           class="fact pad"
           icon="gamepad"
           label={bar.gamepad}
-          onPress={() => (opened.value = "sheet")}
+          onPress={() => (layout.dialog.value = "sheet")}
         >
           <span>{bar.gamepad}</span>
         </Button>

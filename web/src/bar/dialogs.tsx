@@ -10,21 +10,16 @@ import { texts } from "../text/text";
 import { Button } from "../ui/button";
 import { Dialog } from "../ui/dialog";
 import { LineForm } from "../ui/line_form";
-import type { Opened } from "./bar";
 import { Actions, Named, useLease, Who } from "./driver";
 import { FleetLink } from "./facts";
 
 const ASK_MS = 2000;
 
-interface OpenedProps {
-  opened: Opened;
-}
-
 /** Keys and settings; in a narrow window also what the bar has no room for. */
-export function Sheet({ opened }: OpenedProps) {
+export function Sheet() {
   const { gamepad, layout } = useSession();
   const { bar } = texts();
-  const close = () => (opened.value = null);
+  const close = () => (layout.dialog.value = null);
   // Lines "key: what it does".
   const keys = gamepad.name.value === null ? bar.keyList : [...bar.padKeys, ...bar.keyList];
   return (
@@ -32,7 +27,7 @@ export function Sheet({ opened }: OpenedProps) {
       {layout.phone.value && layout.screen.value === "robot" && (
         <div class="row">
           <Who />
-          <Actions opened={opened} />
+          <Actions />
           <FleetLink onClick={close} />
         </div>
       )}
@@ -44,7 +39,7 @@ export function Sheet({ opened }: OpenedProps) {
         })}
       </dl>
       <div class="row">
-        <Button edge onPress={() => (opened.value = "name")}>
+        <Button edge onPress={() => (layout.dialog.value = "name")}>
           <OwnName />
         </Button>
         <ThemeChoice />
@@ -68,11 +63,11 @@ export function OwnName() {
 }
 
 /** The operator's name, typed or of the login. */
-export function NameDialog({ opened }: OpenedProps) {
+export function NameDialog() {
   const session = useSession();
   const { bar } = texts();
   const user = session.link.welcome.value?.user ?? null;
-  const close = () => (opened.value = null);
+  const close = () => (session.layout.dialog.value = null);
   return (
     <Dialog title={bar.yourName} onClose={close}>
       <p>{user === null ? bar.nameHint : <Named text={bar.loggedIn} name={user} />}</p>
@@ -112,13 +107,13 @@ export function useLogin(link: Link): void {
 }
 
 /** Confirm that another operator loses control, and say why; it closes once the holder changes. */
-export function TakeOver({ opened }: OpenedProps) {
-  const { link, requests } = useSession();
+export function TakeOver() {
+  const { layout, link, requests } = useSession();
   const { bar } = texts();
   const holder = useLease()?.holder ?? null;
   const before = useRef(holder);
   const isOver = holder === null || holder !== before.current;
-  const close = () => (opened.value = null);
+  const close = () => (layout.dialog.value = null);
   useEffect(() => {
     if (isOver) close();
   }, [isOver]);

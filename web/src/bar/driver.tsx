@@ -6,7 +6,6 @@ import { type Refusal, whyNotDisarm, whyNotTakeControl } from "../store/permissi
 import { nameOf, refusalText } from "../text/reasons";
 import { texts } from "../text/text";
 import { Button, type ButtonProps } from "../ui/button";
-import type { Opened } from "./bar";
 
 const AT_REST = new Set(["disarmed", "stopped", "fault"]);
 
@@ -65,13 +64,13 @@ function Quiet({ refusal, ...button }: ButtonProps & { refusal?: Refusal | null 
   return <Button {...button} refused={refused} />;
 }
 
-export function Actions({ opened }: { opened: Opened }) {
-  const { link, requests } = useSession();
+export function Actions() {
+  const { layout, link, requests } = useSession();
   const { bar } = texts();
   const lease = useLease();
   if (lease === null || lease.isViewer) return null;
   const { you, holder, mode, requested_by: asker } = lease;
-  const takeOver = () => (opened.value = "takeover");
+  const takeOver = () => (layout.dialog.value = "takeover");
   const disarm = () => requests.send({ t: "disarm" });
   const release = () => requests.send({ t: "lease", op: "release" });
   const isMine = you && asker === null; // A question takes their place.

@@ -6,8 +6,9 @@ import { useSession } from "../session";
 import { texts } from "../text/text";
 import { Button } from "../ui/button";
 import { Icon } from "../ui/icon";
+import { LineForm } from "../ui/line_form";
 import { Menu } from "../ui/menu";
-import { copyText, saveText } from "../ui/share";
+import { copyText, saveBlob } from "../ui/share";
 import { decode, encode, homeOf, MAX_FIELDS } from "./layout";
 import { dragOf, dropInto, Pane } from "./pane";
 import type { Recorder } from "./recorder";
@@ -81,7 +82,8 @@ function Tools({ view, isOpen }: { view: PlotView; isOpen: Signal<boolean> }) {
   const saveCsv = () => {
     const [fromS, toS] = view.span();
     const text = recorder.buffer.csv(recorder.fields, fromS, toS);
-    saveText(text, `${recorder.robot?.id}-${Math.round(toS)}s.csv`, "text/csv");
+    const file = new Blob([text], { type: "text/csv" });
+    saveBlob(file, `${recorder.robot?.id}-${Math.round(toS)}s.csv`);
   };
   return (
     <div class="tools">
@@ -127,22 +129,20 @@ function Layouts({ recorder }: { recorder: Recorder }) {
     const { [name]: _, ...others } = saved.peek();
     saved.value = others;
   };
-  const save = (event: Event) => {
-    event.preventDefault();
-    const input = (event.currentTarget as HTMLFormElement).elements[0] as HTMLInputElement;
-    const name = input.value.normalize("NFC").trim().slice(0, LONGEST_NAME);
+  const save = (typed: string) => {
+    const name = typed.normalize("NFC");
     if (name) saved.value = { ...saved.peek(), [name]: encode(recorder.layout.peek()) };
-    isNaming.value = false;
   };
   if (isNaming.value)
     return (
-      <form class="field" onSubmit={save} onFocusOut={save}>
-        <input
-          ref={(input) => input?.focus()}
-          aria-label={words.nameOfLayout}
-          placeholder={words.nameOfLayout}
-        />
-      </form>
+      <LineForm
+        label={words.nameOfLayout}
+        hint={words.nameOfLayout}
+        most={LONGEST_NAME}
+        action={words.saveAs}
+        onSend={save}
+        onClose={() => (isNaming.value = false)}
+      />
     );
   const names = Object.keys(saved.value).sort((a, b) => a.localeCompare(b));
   const items = [

@@ -4,7 +4,7 @@ import { signal } from "@preact/signals";
 import type { RobotInfo, RobotState } from "../generated/wire";
 import { STALE_MS } from "../store/freshness";
 import type { Link } from "../store/link";
-import { remembered } from "../store/memory";
+import { isObject, remembered } from "../store/memory";
 import { jitterMs, roundTripMs } from "../store/quality";
 import { PlotBuffer } from "./buffer";
 import { fieldsOf, type PlotField, valueOf } from "./fields";
@@ -14,22 +14,20 @@ const RETRY_MS = 1000;
 
 /** Layouts as text, by robot id or by name. */
 type Layouts = Record<string, unknown>;
-const isLayouts = (stored: unknown): stored is Layouts =>
-  typeof stored === "object" && stored !== null;
 
 export class Recorder {
   readonly buffer = new PlotBuffer();
   readonly layout = signal<PlotLayout>({ windowS: 20, panes: [] });
   /** All fields, by name. */
   readonly known = signal<ReadonlyMap<string, PlotField>>(new Map());
-  readonly saved = remembered<Layouts>("tsd-plot-layouts", {}, isLayouts);
+  readonly saved = remembered<Layouts>("tsd-plot-layouts", {}, isObject);
   /** Right edge of the plots in robot time while they are paused, else null: now. */
   readonly endS = signal<number | null>(null);
   /** Recorded robot. */
   robot: RobotInfo | null = null;
   /** Seconds to add to robot time for time in the recording, or for the clock of this page. */
   offsetS = NaN;
-  readonly #kept = remembered<Layouts>("tsd-plots", {}, isLayouts);
+  readonly #kept = remembered<Layouts>("tsd-plots", {}, isObject);
   #shared = decode(new URL(location.href).searchParams.get("plots"));
   #arrivedMs = 0;
   #cursorS = NaN;

@@ -16,6 +16,7 @@ import { whyNotPlan } from "../store/permission";
 import { refusalText, words } from "../text/reasons";
 import { figure, texts } from "../text/text";
 import { Button } from "../ui/button";
+import { Icon } from "../ui/icon";
 import { Segmented } from "../ui/segmented";
 import { PicturePane } from "./picture_pane";
 
@@ -183,14 +184,7 @@ export function RimArrow() {
       style={{ left: `${left.toFixed(1)}%`, top: `${top.toFixed(1)}%` }}
       onClick={() => view.set({}, true)}
     >
-      <svg
-        class="i"
-        viewBox="0 0 24 24"
-        aria-hidden="true"
-        style={{ rotate: `${-directionRad}rad` }}
-      >
-        <path d="M4 12h15M13 6l6 6-6 6" />
-      </svg>
+      <Icon name="ahead" style={{ rotate: `${-directionRad}rad` }} />
     </button>
   );
 }

@@ -1,6 +1,5 @@
 // Form for a goal in numbers. It plans; the path is then followed by holding G or the deck's button.
 
-import { isOnFloor } from "../drive/axes";
 import { useSession } from "../session";
 import { currentState } from "../store/freshness";
 import { whyNotPlan } from "../store/permission";
@@ -13,7 +12,6 @@ const MOST = 10_000; // Limit of a message.
 export function GoToForm() {
   const { link, path } = useSession();
   const { form: words } = texts().scene;
-  if (!isOnFloor(link.robot.value)) return null;
   const pose = currentState(link)?.pose;
   const refusal = whyNotPlan(link);
   const submit = (event: SubmitEvent) => {

@@ -25,6 +25,8 @@ export class Layout {
   readonly drawerOpen = signal(false);
   /** Panel width requested by the open tab, for example for sliders next to their joints. */
   readonly panelWidth = signal<"wide" | "wider" | null>(null);
+  /** Open dialog of the bar. */
+  readonly dialog = signal<"sheet" | "name" | "takeover" | null>(null);
   readonly screen = signal<"robot" | "fleet">(screenInAddress());
   /** Below 900 px of width the panel is a drawer. */
   readonly narrow = media("(max-width: 899px)");

@@ -19,6 +19,8 @@ export function remembered<T>(key: string, initial: T, accepts: Check<T>): Signa
 
 export const isText = (stored: unknown): stored is string => typeof stored === "string";
 export const isFlag = (stored: unknown): stored is boolean => typeof stored === "boolean";
+export const isObject = <T extends object>(stored: unknown): stored is T =>
+  typeof stored === "object" && stored !== null;
 
 /** Check that a stored value is one of `choices`. */
 export function isOneOf<T extends string>(choices: readonly T[]) {

@@ -10,7 +10,7 @@ import {
 } from "../generated/wire";
 import { media } from "./layout";
 import type { Link } from "./link";
-import { isOneOf, remembered } from "./memory";
+import { isObject, isOneOf, remembered } from "./memory";
 
 type Settings = Required<ViewSettings>;
 
@@ -23,8 +23,6 @@ const INITIAL: Settings = {
   floor_camera: false,
   dark: null,
 };
-
-const isView = (stored: unknown): stored is Settings => typeof stored === "object";
 
 /** Replace what this page does not know, because another version of it has kept the settings. */
 function known(stored: Partial<Settings>): Settings {
@@ -45,7 +43,7 @@ export const SHARPNESS = ["auto", "full", "half"] as const;
 export type Sharpness = (typeof SHARPNESS)[number];
 
 export class View {
-  readonly settings = remembered("tsd-view", INITIAL, isView);
+  readonly settings = remembered("tsd-view", INITIAL, isObject<Settings>);
   readonly sharpness = remembered<Sharpness>("tsd-sharpness", "auto", isOneOf(SHARPNESS));
   readonly #prefersDark = media("(prefers-color-scheme: dark)");
   /** Whether dark colours are shown now. */

@@ -4,7 +4,7 @@ import { useSignal } from "@preact/signals";
 import type { StudentKnob } from "../generated/wire";
 import { texts } from "../text/text";
 import { Button } from "../ui/button";
-import { copyText, saveText } from "../ui/share";
+import { copyText, saveBlob } from "../ui/share";
 import { linkTo, type StudentModel } from "./model";
 
 export function Knobs({ model }: { model: StudentModel }) {
@@ -60,7 +60,7 @@ export function Actions({ model }: { model: StudentModel }) {
   const { student } = texts();
   const said = useSignal("");
   model.onToml = (base, toml) => {
-    saveText(toml, `my-${base}.toml`, "application/toml");
+    saveBlob(new Blob([toml], { type: "application/toml" }), `my-${base}.toml`);
     said.value = student.saved(`my-${base}.toml`);
   };
   const copy = async () => {

@@ -7,6 +7,7 @@ import { nameOf } from "../text/reasons";
 import { duration, texts } from "../text/text";
 import { Button, type ButtonProps } from "../ui/button";
 import { LineForm } from "../ui/line_form";
+import { save, saveBlob } from "../ui/share";
 import { day, iso, megabytes } from "./clock";
 import { answer, request } from "./library";
 import { addressOf, shared } from "./past";
@@ -151,10 +152,8 @@ function Export({ row, run }: RowProps) {
   const { timeline } = texts();
   const make = async (query: URLSearchParams) => {
     const file = await answer("GET", `${pathOf(row)}/export?${query}`);
-    const address = URL.createObjectURL(await file.blob());
     const name = row.title || row.name.replace(/\.mcap$/, "");
-    save(address, name + ENDINGS[query.get("as")!]);
-    setTimeout(() => URL.revokeObjectURL(address), 60_000);
+    saveBlob(await file.blob(), name + ENDINGS[query.get("as")!]);
   };
   const submit = (event: SubmitEvent) => {
     event.preventDefault();
@@ -179,11 +178,6 @@ function Export({ row, run }: RowProps) {
       ))}
     </form>
   );
-}
-
-/** Let the browser save a file. */
-function save(href: string, download: string): void {
-  Object.assign(document.createElement("a"), { href, download }).click();
 }
 
 const LEAST_M = 0.5;

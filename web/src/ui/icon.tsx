@@ -1,11 +1,14 @@
 // Icons, drawn on 24 by 24; strokes take the colour of the text.
 
+import type { CSSProperties } from "preact";
+
 const SHAPES = {
   stopsign: '<path stroke="none" fill="currentColor" d="M8 2h8l6 6v8l-6 6H8l-6-6V8z"/>',
   play: '<path d="M7 5l12 7-12 7z"/>',
   ring: '<circle cx="12" cy="12" r="8"/>',
   full: '<circle cx="12" cy="12" r="8" fill="currentColor"/>',
   down: '<path d="M6 9l6 6 6-6"/>',
+  ahead: '<path d="M4 12h15M13 6l6 6-6 6"/>',
   right: '<path d="M9 6l6 6-6 6"/>',
   fold: '<path d="M6 6l6 6-6 6M13 6l6 6-6 6"/>',
   gamepad:
@@ -56,12 +59,13 @@ export const MODE_ICONS: Record<string, IconName> = {
   offline: "warn",
 };
 
-export function Icon({ name }: { name: IconName }) {
+export function Icon({ name, style }: { name: IconName; style?: CSSProperties }) {
   return (
     <svg
       class="i"
       viewBox="0 0 24 24"
       aria-hidden="true"
+      style={style}
       dangerouslySetInnerHTML={{ __html: SHAPES[name] }}
     />
   );

@@ -18,8 +18,13 @@ export async function copyText(text: string): Promise<boolean> {
   }
 }
 
-export function saveText(text: string, name: string, type: string): void {
-  const href = URL.createObjectURL(new Blob([text], { type }));
-  Object.assign(document.createElement("a"), { href, download: name }).click();
-  setTimeout(() => URL.revokeObjectURL(href), 10_000);
+/** Let the browser save a file. */
+export function save(href: string, download: string): void {
+  Object.assign(document.createElement("a"), { href, download }).click();
+}
+
+export function saveBlob(blob: Blob, name: string): void {
+  const href = URL.createObjectURL(blob);
+  save(href, name);
+  setTimeout(() => URL.revokeObjectURL(href), 60_000);
 }
