@@ -3,7 +3,7 @@
 import { useComputed } from "@preact/signals";
 import { Fragment } from "preact";
 import { isOnFloor } from "../drive/axes";
-import { StopAll } from "../fleet/stop_all";
+import { StopAll } from "../fleet/fleet";
 import type { SphereState } from "../generated/wire";
 import { useSession } from "../session";
 import { currentState, freshness } from "../store/freshness";

@@ -4,12 +4,13 @@
 import { useEffect, useMemo } from "preact/hooks";
 import { type Deflection, deflectionOf, isOnFloor, rotated } from "../drive/axes";
 import type { RobotInfo } from "../generated/wire";
-import { GoToForm } from "../scene/goto_form";
 import { useSession } from "../session";
+import { currentState } from "../store/freshness";
 import { isFlag, remembered } from "../store/memory";
-import { whyNotDrive } from "../store/permission";
+import { whyNotDrive, whyNotPlan } from "../store/permission";
 import { refusalText } from "../text/reasons";
-import { figure, texts } from "../text/text";
+import { degrees, figure, texts } from "../text/text";
+import { Button } from "../ui/button";
 import { Quantity } from "../ui/figure";
 import { Fold } from "../ui/fold";
 import { Icon } from "../ui/icon";
@@ -43,11 +44,7 @@ export function DriveTab() {
       <Command sliders={sliders} robot={robot} />
       <WheelsDo preview={sliders.preview.value} />
       <div class="folds">
-        {isOnFloor(robot) && (
-          <Fold title={words.goTo}>
-            <GoToForm />
-          </Fold>
-        )}
+        <GoToForm />
         {robot.wheel_speed_limits && (
           <WheelSpeed robot={robot} limits={robot.wheel_speed_limits} key={robot.id} />
         )}
@@ -150,5 +147,62 @@ function Axis({ axis, sliders, robot }: AxisProps) {
         looksOnly={looks}
       />
     </div>
+  );
+}
+
+const MOST = 10_000; // Limit of a message.
+
+/** Goal in numbers. It plans; the path is then followed by holding G or the deck's button. */
+export function GoToForm() {
+  const { link, path } = useSession();
+  const { form: words } = texts().scene;
+  if (!isOnFloor(link.robot.value)) return null;
+  const pose = currentState(link)?.pose;
+  const refusal = whyNotPlan(link);
+  const submit = (event: SubmitEvent) => {
+    event.preventDefault();
+    if (refusal !== null || !pose) return;
+    const typed = new FormData(event.currentTarget as HTMLFormElement);
+    const numberOf = (name: string) => (typed.get(name) === "" ? null : Number(typed.get(name)));
+    const heading = numberOf("heading");
+    path.plan({
+      kind: "to",
+      on: "floor",
+      points: [[numberOf("x") ?? pose[0], numberOf("y") ?? pose[1]]],
+      heading: heading === null ? null : (heading * Math.PI) / 180,
+    });
+  };
+  const route = path.route.value;
+  const next = route?.phase === "planned" ? words.planned(figure(route.length_m, 2)) : words.hint;
+  const fields = {
+    x: figure(pose?.[0], 2),
+    y: figure(pose?.[1], 2),
+    heading: figure(degrees(pose?.[2])),
+  };
+  return (
+    <Fold title={texts().panel.drive.goTo}>
+      <form class="goto" aria-label={words.label} onSubmit={submit}>
+        {(["x", "y", "heading"] as const).map((name) => (
+          <label key={name}>
+            {words[name]}
+            <span class="field">
+              <input
+                type="number"
+                name={name}
+                step="any"
+                min={-MOST}
+                max={MOST}
+                inputMode="decimal"
+                placeholder={fields[name]}
+              />
+            </span>
+          </label>
+        ))}
+        <Button edge submit refused={refusal && refusalText(refusal)} children={words.plan} />
+        <p class="note" role="status">
+          {refusal ? refusalText(refusal) : next}
+        </p>
+      </form>
+    </Fold>
   );
 }

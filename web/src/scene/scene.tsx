@@ -8,12 +8,12 @@ import { type Session, useSession } from "../session";
 import { freshness, isCurrent } from "../store/freshness";
 import { refusalText } from "../text/reasons";
 import { texts } from "../text/text";
+import { Outline, Portrait } from "../ui/portrait";
 import { Viewport } from "../viewport/frame";
 import { Cameras, Legend, Modes, RimArrow } from "./corners";
 import { type Report, watchFreeRectangle } from "./free_rectangle";
 import { FloorMap, MapInset } from "./map";
 import { PicturePicker } from "./pick";
-import { Splash } from "./splash";
 import "./scene.css";
 
 const hidden = signal(document.hidden);
@@ -124,4 +124,39 @@ function reportTo({ link, layout }: Session): Report {
     if (text === sent && connection === to) return;
     if (link.send({ t: "frame", ...free, picture_px })) [sent, to] = [text, connection];
   };
+}
+
+const STEPS = ["connecting", "robot", "loading", "drawing"] as const;
+const SLOW_MS = 30_000; // Without WebGL it never appears.
+
+/**
+ * Start of the view until the scene is drawn: the robot's portrait, its name, and the progress. It
+ * does not block STOP.
+ */
+function Splash({ viewport }: { viewport: Viewport }) {
+  const { link } = useSession();
+  const { splash } = texts().scene;
+  const [slow, setSlow] = useState(false);
+  useEffect(() => {
+    const timer = setTimeout(() => setSlow(true), SLOW_MS);
+    return () => clearTimeout(timer);
+  }, []);
+  const robot = link.robot.value;
+  const at = [link.connected.value, robot !== null, viewport.loaded.value, false].indexOf(false);
+  const noRobot = freshness(link).kind === "no_robot";
+  const step = slow && viewport.loaded.value ? "slow" : STEPS[at]!;
+  const wheels = robot?.modules.length || robot?.wheels.length || 0;
+  const outline = <Outline class="silhouette" panel={robot?.panel} wheels={wheels} />;
+  return (
+    <div class="splash" role="group" aria-label={splash.label}>
+      {robot && !link.recording ? <Portrait robot={robot.id}>{outline}</Portrait> : outline}
+      {robot && (
+        <strong>
+          <bdi>{robot.title}</bdi>
+        </strong>
+      )}
+      <p role="status">{noRobot ? texts().common.refusals.no_robot : splash[step]}</p>
+      <progress max={STEPS.length} value={at} aria-label={splash.label} />
+    </div>
+  );
 }

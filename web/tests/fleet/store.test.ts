@@ -1,7 +1,7 @@
 import { signal } from "@preact/signals";
 import { beforeEach, describe, expect, test } from "vitest";
 
-import { fitted } from "../../src/fleet/floor";
+import { fitted } from "../../src/fleet/fleet";
 import { arranged, FleetStore, need, type Row } from "../../src/fleet/store";
 import type { FleetRobot, PageMessage } from "../../src/generated/wire";
 import type { Link } from "../../src/store/link";

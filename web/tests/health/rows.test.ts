@@ -1,6 +1,6 @@
 import { afterEach, beforeEach, describe, expect, test, vi } from "vitest";
+import { inspect } from "../../src/health/health.tsx";
 import { Increases, type Level, type Row } from "../../src/health/rows.ts";
-import { inspect } from "../../src/health/verdict.ts";
 import { quality } from "../../src/store/quality.ts";
 import { texts } from "../../src/text/text.ts";
 import { connect, ROBOT, statusOf } from "../support/fake_link.ts";
