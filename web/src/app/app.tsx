@@ -7,16 +7,12 @@ import { Fleet } from "../fleet/fleet";
 import { Panel } from "../panel/panel";
 import { Scene } from "../scene/scene";
 import { type Session, SessionContext } from "../session";
-import type { Tab } from "../store/layout";
 import { language, texts } from "../text/text";
 import { Live } from "../timeline/live";
 import { Recorded } from "../timeline/recorded";
 import { Recordings } from "../timeline/recordings";
 import "../timeline/timeline.css";
 import "./shell.css";
-
-/** Tabs that need more room than a column, in windows from 1,280 px. */
-const WIDTHS: Partial<Record<Tab, "wide" | "wider">> = { plots: "wide", student: "wider" };
 
 export function App({ session }: { session: Session }) {
   const { layout, library, link } = session;
@@ -27,10 +23,9 @@ export function App({ session }: { session: Session }) {
     document.documentElement.lang = language.value;
     document.title = isFleet ? common.fleet : robot ? common.title(robot.title) : "tsd-twin";
   });
-  const width = layout.panelWidth.value ?? WIDTHS[layout.tab.value];
   const classes = [
     "app",
-    isFleet ? "fleet" : layout.panelOpen.value ? width : "folded",
+    isFleet ? "fleet" : layout.panelOpen.value ? layout.panelWidth.value : "folded",
     link.recording !== null && "past",
   ];
   return (

@@ -12,7 +12,7 @@ import { controlTerms, type Request } from "../store/requests";
 import { nameOf, refusalText, sentence } from "../text/reasons";
 import { duration, figure, texts } from "../text/text";
 import { clock } from "../timeline/clock";
-import { backToLive } from "../timeline/past";
+import { backToLive } from "../timeline/library";
 
 const ARMED = ["ready", "driving", "stopping"];
 

@@ -7,9 +7,9 @@ import { type Freshness, freshness, isCurrent } from "../store/freshness";
 import type { Link } from "../store/link";
 import { sentence } from "../text/reasons";
 import { duration, language, texts } from "../text/text";
+import { FeedLine } from "../timeline/clock";
 import { Fold } from "../ui/fold";
 import { Icon } from "../ui/icon";
-import { FeedLine } from "../ui/moment";
 import {
   type Band,
   type GroupKey,
@@ -130,21 +130,14 @@ function Feed() {
   );
 }
 
-interface Report {
-  level: Level;
-  title: string;
-  advice: string;
-  groups: Groups;
-}
-
 const MODE_LEVELS: Record<string, Level> = { stopped: 1, fault: 2 };
 
 /** Judge the robot in view now: never better than its worst reading. */
-export function inspect(link: Link, recent: Increases): Report {
+export function inspect(link: Link, recent: Increases) {
   return untracked(() => {
     const fresh = freshness(link);
     const state = link.state.peek();
-    const groups = state ? rowsOf(link, state, fresh.kind === "live", recent) : {};
+    const groups: Groups = state ? rowsOf(link, state, fresh.kind === "live", recent) : {};
     if (state === null || !isCurrent(fresh)) return unknown(fresh, groups);
     const { mode, stop } = state.status;
     const { modes, findings, advice } = texts().health;
@@ -171,7 +164,7 @@ function outside(rows: readonly Row[]): Row[] {
 }
 
 /** Without a signal no figure is known, so none is judged. */
-function unknown(fresh: Freshness, groups: Groups): Report {
+function unknown(fresh: Freshness, groups: Groups) {
   const { unknown: words, waiting } = texts().health;
   const isLost = fresh.kind === "offline" || fresh.kind === "silent";
   for (const row of Object.values(groups).flat())
@@ -182,7 +175,7 @@ function unknown(fresh: Freshness, groups: Groups): Report {
       band: row.band && { ...row.band, at: null },
     });
   return {
-    level: isLost ? 2 : 1,
+    level: (isLost ? 2 : 1) as Level,
     title: isLost ? words[fresh.kind](duration(fresh.forMs / 1000)) : words.starting,
     advice: waiting,
     groups,

@@ -6,7 +6,6 @@ import { type Deflection, deflectionOf, isOnFloor, rotated } from "../drive/axes
 import type { RobotInfo } from "../generated/wire";
 import { useSession } from "../session";
 import { currentState } from "../store/freshness";
-import { isFlag, remembered } from "../store/memory";
 import { whyNotDrive, whyNotPlan } from "../store/permission";
 import { refusalText } from "../text/reasons";
 import { degrees, figure, texts } from "../text/text";
@@ -22,17 +21,10 @@ import { PanelSliders } from "./sliders";
 import { WheelSpeed } from "./wheel_speed";
 import { WheelsDo } from "./wheels";
 
-/** Whether a wide window shows sliders and joints side by side. */
-const beside = remembered("tsd-sliders-beside", false, isFlag);
-
 export function DriveTab() {
-  const { link, drive, layout } = useSession();
+  const { link, drive } = useSession();
   const sliders = useMemo(() => new PanelSliders(drive), [drive]);
   useEffect(() => sliders.open(), [sliders]);
-  useEffect(() => {
-    layout.panelWidth.value = beside.value ? "wide" : null;
-    return () => (layout.panelWidth.value = null);
-  }, [beside.value]);
   const robot = link.robot.value;
   const { drive: words } = texts().panel;
   if (robot === null) return <p class="note">{words.waiting}</p>;
@@ -54,6 +46,7 @@ export function DriveTab() {
 }
 
 function Command({ sliders, robot }: { sliders: PanelSliders; robot: RobotInfo }) {
+  const { beside } = useSession().layout;
   const { drive: words } = texts().panel;
   const mode = sliders.mode.value;
   const axes = robot.sideways ? (["x", "y", "turn"] as const) : (["x", "turn"] as const);

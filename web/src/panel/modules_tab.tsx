@@ -149,7 +149,17 @@ function Sphere({ sphere }: { sphere: SphereState | null }) {
     <section class="sec">
       <h2>{words.title}</h2>
       <div class="globe">
-        <Ring label={words.picture}>{sphere && <Marks wxyz={sphere.wxyz} />}</Ring>
+        <Ring label={words.picture}>
+          {sphere &&
+            MARKS.map(([name, at]) => {
+              const [x, y, z] = turned(sphere.wxyz, at);
+              const { right, down } = onScreen({ x: REACH * x, y: REACH * y });
+              const below = z < 0 ? "below" : "";
+              return (
+                <circle key={name} class={`mark ${name} ${below}`} r="5" cx={right} cy={down} />
+              );
+            })}
+        </Ring>
         <Table
           label={words.models}
           heads={["rad/s", words.ideal, words.dual]}
@@ -178,18 +188,5 @@ function Sphere({ sphere }: { sphere: SphereState | null }) {
         ))}
       </div>
     </section>
-  );
-}
-
-function Marks({ wxyz }: Pick<SphereState, "wxyz">) {
-  return (
-    <>
-      {MARKS.map(([name, at]) => {
-        const [x, y, z] = turned(wxyz, at);
-        const { right, down } = onScreen({ x: REACH * x, y: REACH * y });
-        const below = z < 0 ? "below" : "";
-        return <circle key={name} class={`mark ${name} ${below}`} r="5" cx={right} cy={down} />;
-      })}
-    </>
   );
 }

@@ -23,9 +23,13 @@ export function WheelsDo({ preview }: { preview: JointPreview | null }) {
   const now = useShown();
   if (now === null) return null;
   const shown = { ...now, preview };
-  const { robot } = shown;
+  const { robot, state } = shown;
   const words = texts().panel.wheels;
   const hasDials = robot.panel === "gimbals" || robot.wheels.length > 0;
+  // Used fraction of the joint limit, and the limit that slows the robot.
+  const { utilization = null, limit = null } = preview ?? state ?? {};
+  const moves = preview !== null || state?.status.mode === "driving";
+  const slowed = limit === "speed" || limit === "turn_rate" ? state?.status.limits.why : [];
   return (
     <section class={preview ? "sec looks" : "sec"}>
       <h2>
@@ -33,7 +37,16 @@ export function WheelsDo({ preview }: { preview: JointPreview | null }) {
         <small>{preview ? words.looked : words.setPoints}</small>
       </h2>
       {hasDials ? <Dials {...shown} /> : <Values {...shown} />}
-      <InUse {...shown} />
+      {utilization !== null && (
+        <p class={utilization > 1 ? "used warn" : "used"}>
+          {robot.panel === "gimbals" ? words.usedTilt : words.usedSpeed}
+          <b>{figure(100 * utilization)} %</b>
+        </p>
+      )}
+      <p class={limit ? "held warn" : "held note"}>
+        {limit ? words.heldBack[limit] : moves && words.nothingHeld}
+        {slowed?.map((reason) => ` ${sentence(reason)}`)}
+      </p>
     </section>
   );
 }
@@ -74,28 +87,6 @@ function Dials(shown: Shown) {
         <span>{isGimbal ? words.axle : words.measured}</span>
         {isGimbal && <span class="k-set">{shown.preview ? words.looked : words.setPoint}</span>}
         <span class="k-push">{words.push}</span>
-      </p>
-    </>
-  );
-}
-
-/** Used fraction of the joint limit, and the limit that slows the robot. */
-function InUse({ robot, state, preview }: Shown) {
-  const words = texts().panel.wheels;
-  const { utilization = null, limit = null } = preview ?? state ?? {};
-  const moves = preview !== null || state?.status.mode === "driving";
-  const slowed = limit === "speed" || limit === "turn_rate" ? state?.status.limits.why : [];
-  return (
-    <>
-      {utilization !== null && (
-        <p class={utilization > 1 ? "used warn" : "used"}>
-          {robot.panel === "gimbals" ? words.usedTilt : words.usedSpeed}
-          <b>{figure(100 * utilization)} %</b>
-        </p>
-      )}
-      <p class={limit ? "held warn" : "held note"}>
-        {limit ? words.heldBack[limit] : moves && words.nothingHeld}
-        {slowed?.map((reason) => ` ${sentence(reason)}`)}
       </p>
     </>
   );

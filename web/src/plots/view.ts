@@ -4,7 +4,8 @@
 import { computed, effect, type Signal, signal } from "@preact/signals";
 import { freshness, isCurrent } from "../store/freshness";
 import type { Link } from "../store/link";
-import { duration, language, texts } from "../text/text";
+import { duration, texts } from "../text/text";
+import { clock } from "../timeline/clock";
 import { drawCharts, moveCursor, shareOf } from "./chart";
 import type { Recorder } from "./recorder";
 
@@ -90,7 +91,7 @@ export class PlotView {
     }
     const clockS = atS + this.recorder.offsetS;
     if (this.link.recording !== null) return duration(clockS + 1e-3);
-    return new Date(1000 * clockS).toLocaleTimeString(language.value, { timeStyle: "medium" });
+    return clock(1000 * clockS);
   }
 
   /** Draw all plots; several changes before a picture lead to one. */

@@ -100,7 +100,10 @@ export function MapInset({ map }: { map: FloorMap }) {
   );
 }
 
-/** The picture, in metres and drawn ten times a second. The style sheet has its colours. */
+/**
+ * The picture, in metres and drawn ten times a second. The style sheet has its colours. A robot is the
+ * circle of its reach, with a tip that points forward.
+ */
 function Floor({ map: { view, trails, picker, routes } }: { map: FloorMap }) {
   const { link } = useSession();
   const { map: words } = texts().scene;
@@ -141,9 +144,15 @@ function Floor({ map: { view, trails, picker, routes } }: { map: FloorMap }) {
             <path key={id} class="m-route" d={pathOf(points)} />
           ))}
           {ordered.map((robot) => {
-            const isOld = robot.stale || isStale;
-            const colour = isOld ? null : (colours.get(robot.id) ?? null);
-            return <Robot key={robot.id} robot={robot} colour={colour} px={px} />;
+            const isOld = robot.stale || isStale; // It may have moved since.
+            const color = isOld ? null : colours.get(robot.id);
+            const radius = Math.max(LEAST_RADIUS_PX * px, robot.reach_m);
+            return (
+              <g key={robot.id} class="m-robot" style={{ color }} transform={placed(robot)}>
+                <circle r={radius} />
+                <path d={`M${radius + 13 * px} 0l${-12 * px} ${5 * px}v${-10 * px}z`} />
+              </g>
+            );
           })}
         </g>
       </svg>
@@ -160,24 +169,6 @@ function Floor({ map: { view, trails, picker, routes } }: { map: FloorMap }) {
       <span class="m-x">x ↑</span>
       <PickLayer picker={picker} />
     </div>
-  );
-}
-
-interface RobotProps {
-  robot: MapRobot;
-  /** Null if it may have moved since. */
-  colour: string | null;
-  px: number;
-}
-
-/** Circle of a robot's reach, with a tip that points forward. */
-function Robot({ robot, colour, px }: RobotProps) {
-  const radius = Math.max(LEAST_RADIUS_PX * px, robot.reach_m);
-  return (
-    <g class="m-robot" style={{ color: colour }} transform={placed(robot)}>
-      <circle r={radius} />
-      <path d={`M${radius + 13 * px} 0l${-12 * px} ${5 * px}v${-10 * px}z`} />
-    </g>
   );
 }
 

@@ -6,7 +6,6 @@ import { figure, texts } from "../text/text";
 import { Button } from "../ui/button";
 import { Icon } from "../ui/icon";
 import { LATE_MS, OLD_MS, type PictureFeed } from "./picture_feed";
-import "./picture_pane.css";
 
 const STEP_PX = 24;
 const ARROWS: Record<string, [number, number]> = {

@@ -23,8 +23,13 @@ export class Layout {
   readonly folded = remembered("tsd-folded", false, isFlag);
   /** Whether the panel is open as a drawer or, on a phone, as a sheet. */
   readonly drawerOpen = signal(false);
-  /** Panel width requested by the open tab, for example for sliders next to their joints. */
-  readonly panelWidth = signal<"wide" | "wider" | null>(null);
+  /** Whether a wide window shows the sliders and the joints of the Drive tab side by side. */
+  readonly beside = remembered("tsd-sliders-beside", false, isFlag);
+  /** Class of tabs that need more room than a column, in windows from 1,280 px. */
+  readonly panelWidth = computed(() => {
+    const widths: Partial<Record<Tab, string>> = { plots: "wide", student: "wider" };
+    return this.tab.value === "drive" && this.beside.value ? "wide" : widths[this.tab.value];
+  });
   /** Open dialog of the bar. */
   readonly dialog = signal<"sheet" | "name" | "takeover" | null>(null);
   readonly screen = signal<"robot" | "fleet">(screenInAddress());

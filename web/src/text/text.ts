@@ -59,17 +59,15 @@ const formats = new Map<string, Intl.NumberFormat>();
 export function figure(value: number | null | undefined, decimals = 0): string {
   if (value === null || value === undefined || !Number.isFinite(value)) return UNKNOWN;
   const key = `${language.value} ${decimals}`;
-  const format = formats.get(key) ?? newFormat(decimals);
+  const format =
+    formats.get(key) ??
+    new Intl.NumberFormat(language.value, {
+      minimumFractionDigits: decimals,
+      maximumFractionDigits: decimals,
+      signDisplay: "negative",
+    });
   formats.set(key, format);
   return format.format(value).replaceAll("-", "−");
-}
-
-function newFormat(decimals: number): Intl.NumberFormat {
-  return new Intl.NumberFormat(language.peek(), {
-    minimumFractionDigits: decimals,
-    maximumFractionDigits: decimals,
-    signDisplay: "negative",
-  });
 }
 
 export function degrees(radians: number | null | undefined): number | null {

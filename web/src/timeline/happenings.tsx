@@ -4,19 +4,12 @@ import { useSession } from "../session";
 import { texts } from "../text/text";
 import { Icon, type IconName } from "../ui/icon";
 
-/** Labels merged into one; place and width as fractions of the lane. */
-export interface Group<T> {
-  items: T[];
-  left: number;
-  width: number;
-}
-
 /**
  * Merge items, given in order, that are closer than `least`, a fraction of the lane. The last one
- * moves left to keep that distance from the end.
+ * moves left to keep that distance from the end. Returns groups with place and width as fractions.
  */
 export function grouped<T extends { share: number }>(items: readonly T[], least: number) {
-  const groups: Group<T>[] = [];
+  const groups: { items: T[]; left: number; width: number }[] = [];
   for (const item of items) {
     const left = Math.max(0, Math.min(item.share, 1 - least));
     const last = groups.at(-1);

@@ -1,9 +1,11 @@
-// The list of recordings, fetched again when the dashboard reports a change, and requests about it.
+// The list of recordings, fetched again when the dashboard reports a change; their addresses, and
+// requests about them.
 
 import { effect, signal } from "@preact/signals";
 import type { RecordingRow, TrashRow } from "../generated/wire";
 import type { Link } from "../store/link";
 import { texts } from "../text/text";
+import { copyText } from "../ui/share";
 
 const WAIT_MS = { open: 300, closed: 1500 }; // Details of many files come in quickly.
 const WATCH_BEATS = 100; // Ten seconds: nothing reports the end of a recording.
@@ -87,4 +89,28 @@ export async function answer(method: string, path: string, body?: unknown): Prom
 
 export async function request<T>(method: string, path: string, body?: unknown): Promise<T> {
   return (await (await answer(method, path, body)).json()) as T;
+}
+
+/**
+ * Address of a recording, optionally at a time in seconds since its start; null is the live page. A
+ * page load, so that nothing held is sent.
+ */
+export function addressOf(name: string | null, tS?: number): URL {
+  const address = new URL(location.href);
+  for (const key of ["recording", "t"]) address.searchParams.delete(key);
+  if (name !== null) address.searchParams.set("recording", name);
+  if (tS !== undefined) address.searchParams.set("t", tS.toFixed(1));
+  return address;
+}
+
+/** Leave the recording; no control moves a robot after it. */
+export function backToLive(): void {
+  location.assign(addressOf(null));
+}
+
+/** Copy the address of a recording, and return a message about that. */
+export async function shared(name: string, tS?: number): Promise<string> {
+  const { copied, copyYourself } = texts().timeline;
+  const { href } = addressOf(name, tS);
+  return (await copyText(href)) ? copied : `${copyYourself} ${href}`;
 }

@@ -10,19 +10,15 @@ export const BACK_S = 30;
 const LEAST_S = 0.1;
 const GAP_MS = 500;
 
-export interface ModeSpan {
-  mode: string;
-  /** On the `performance.now` clock. */
-  fromMs: number;
-  toMs: number;
-}
-
 export class LookBack {
   /** Age of the past state in the scene, or null. */
   readonly agoS = signal<number | null>(null);
   readonly past = signal<PastState | null>(null);
-  /** Modes since the page shows the robot, oldest first, with gaps where no state arrived. */
-  readonly modes: ModeSpan[] = [];
+  /**
+   * Modes since the page shows the robot, oldest first, with gaps where no state arrived; times are
+   * on the `performance.now` clock.
+   */
+  readonly modes: { mode: string; fromMs: number; toMs: number }[] = [];
   readonly #send: (agoS: number | null) => void;
 
   constructor(link: Link) {

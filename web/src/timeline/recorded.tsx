@@ -9,11 +9,10 @@ import { duration, figure, language, texts } from "../text/text";
 import { Button } from "../ui/button";
 import { LineForm } from "../ui/line_form";
 import { Menu } from "../ui/menu";
-import { Moment } from "../ui/moment";
 import { shareAt, sliderHandlers, sliderValue } from "../ui/slider";
-import { clock, ticks } from "./clock";
+import { clock, Moment, ticks } from "./clock";
 import { type Happening, Happenings } from "./happenings";
-import { backToLive } from "./past";
+import { backToLive } from "./library";
 import { SPEEDS } from "./playback";
 import { ListButton } from "./recordings";
 

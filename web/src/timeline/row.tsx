@@ -9,8 +9,7 @@ import { Button, type ButtonProps } from "../ui/button";
 import { LineForm } from "../ui/line_form";
 import { save, saveBlob } from "../ui/share";
 import { day, iso, megabytes } from "./clock";
-import { answer, request } from "./library";
-import { addressOf, shared } from "./past";
+import { addressOf, answer, request, shared } from "./library";
 
 const TITLE_LENGTH = 40;
 

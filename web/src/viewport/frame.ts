@@ -4,7 +4,6 @@
 
 import { signal } from "@preact/signals";
 import type { FrameKey, FromFrame, ToFrame } from "./messages.ts";
-import "./viewport.css";
 
 const UNREACHED_MS = 5000;
 const AFTER_LOAD_MS = 500;

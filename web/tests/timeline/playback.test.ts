@@ -1,6 +1,6 @@
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
 import { LookBack } from "../../src/timeline/look_back";
-import { addressOf } from "../../src/timeline/past";
+import { addressOf } from "../../src/timeline/library";
 import { eventFrom, Playback } from "../../src/timeline/playback";
 import { shareAt } from "../../src/ui/slider";
 import { openLink, WELCOME } from "./link";

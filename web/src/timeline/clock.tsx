@@ -1,5 +1,6 @@
 // Times of day in the language of the page, and the grid of a timeline.
 
+import type { ComponentChildren } from "preact";
 import { figure, language, texts } from "../text/text";
 
 /** Local time as 19:18:16, or 19:18. */
@@ -16,6 +17,25 @@ export function day(ms: number): string {
 }
 
 export const iso = (ms: number): string => new Date(ms).toISOString();
+
+/** A time, with the exact one in its title. */
+export function Moment({ atMs, children }: { atMs: number; children: ComponentChildren }) {
+  return (
+    <time dateTime={iso(atMs)} title={iso(atMs)}>
+      {children}
+    </time>
+  );
+}
+
+/** An event of a feed, with its time. */
+export function FeedLine({ atMs, children }: { atMs: number; children: ComponentChildren }) {
+  return (
+    <li>
+      <Moment atMs={atMs}>{clock(atMs)}</Moment>
+      <span>{children}</span>
+    </li>
+  );
+}
 
 export function megabytes(bytes: number): string {
   return texts().timeline.megabytes(figure(bytes / 1e6, bytes < 1e7 ? 1 : 0));
