@@ -177,12 +177,8 @@ function latched(link: Link, { status, mode_age_s }: RobotState): Step {
   const { stop, mode } = status;
   const detail = deck.ago(duration(mode_age_s));
   const by = stop?.code === "stop_requested" && !stop.cause ? stop.params?.["by"] : undefined;
-  if (by === undefined)
-    return {
-      id: mode,
-      title: stop ? `${sentence(stop).slice(0, -1)},` : common.modes[mode],
-      detail,
-    };
+  const title = stop ? `${sentence(stop).slice(0, -1)},` : common.modes[mode];
+  if (by === undefined) return { id: mode, title, detail };
   if (by === link.welcome.value?.operator) return { id: mode, title: deck.youStopped, detail };
   return { ...about(String(by), mode, deck.stoppedBy), detail };
 }

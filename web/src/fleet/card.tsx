@@ -49,6 +49,7 @@ function Facts({ row }: { row: Row }) {
   void link.beat.value; // Ages pass.
   const own = link.welcome.value?.operator;
   const named = (operator: string) => (operator === own ? fleet.you : operatorName(row, operator));
+  const driver = row.driver === null ? null : named(row.driver);
   const source = { recording: fleet.recording, several: fleet.several, robot: fleet.live };
   const battery = row.silent ? null : row.battery;
   const last = row.event && happened(row);
@@ -56,12 +57,8 @@ function Facts({ row }: { row: Row }) {
   return (
     <dl>
       <dt>{fleet.driver}</dt>
-      <dd class={row.driver === null ? "none" : ""}>
-        {row.driver === null ? (
-          fleet.nobody
-        ) : (
-          <bdi title={named(row.driver)}>{named(row.driver)}</bdi>
-        )}
+      <dd class={driver === null ? "none" : ""}>
+        {driver === null ? fleet.nobody : <bdi title={driver}>{driver}</bdi>}
         {row.requested_by !== null && (
           <span class="warn"> {fleet.asks(named(row.requested_by))}</span>
         )}
@@ -90,12 +87,8 @@ function StopOf({ row }: { row: Row }) {
   const { fleet } = texts();
   const outcome = store.outcomes.value[row.id] ?? null;
   const isShown = outcome !== null && outcome !== "acknowledged"; // Which its mode shows.
-  const refused =
-    row.source === "recording"
-      ? fleet.isRecording
-      : row.silent
-        ? fleet.noLink(since(row.seenMs))
-        : null;
+  const lost = row.silent ? fleet.noLink(since(row.seenMs)) : null;
+  const refused = row.source === "recording" ? fleet.isRecording : lost;
   const said = isShown ? fleet.outcomes[outcome] : "";
   const missed = store.missed.value[row.id];
   const why = refused ?? (missed && reasonOf(row, missed));

@@ -109,10 +109,12 @@ export function newChart(
   });
   const scale = (unit: string): [string, uPlot.Scale] => {
     const own = fields.filter((field) => field.unit === unit);
-    return [
-      `y ${unit}`,
-      { range: (plot, _low, _high, key) => rangeOf(view, own, plot.scales[key]!) },
-    ];
+    const range: uPlot.Range.Function = (plot, _low, _high, key) =>
+      rangeOf(view, own, plot.scales[key]!);
+    return [`y ${unit}`, { range }];
+  };
+  const setCursor = ({ cursor: { left = -1 }, posToVal }: uPlot) => {
+    view.cursorS.value = left < 0 ? null : posToVal(left, "x");
   };
   const options: uPlot.Options = {
     width: 2 * GUTTER_PX, // Until the first draw.
@@ -131,12 +133,7 @@ export function newChart(
     },
     axes: [timeAxis, ...units.map(valueAxis)],
     series: [{}, ...fields.map(line)],
-    hooks: {
-      setCursor: [
-        ({ cursor: { left = -1 }, posToVal }) =>
-          (view.cursorS.value = left < 0 ? null : posToVal(left, "x")),
-      ],
-    },
+    hooks: { setCursor: [setCursor] },
   };
   return new uPlot(options, [[], ...fields.map(() => [])], place);
 }

@@ -6,7 +6,7 @@ import { useSession } from "../session";
 import { texts } from "../text/text";
 import { Button } from "../ui/button";
 import { Icon } from "../ui/icon";
-import { LineForm } from "../ui/line_form";
+import { focus, LineForm } from "../ui/line_form";
 import { Menu } from "../ui/menu";
 import { copyText, saveBlob } from "../ui/share";
 import { decode, encode, homeOf, MAX_FIELDS } from "./layout";
@@ -123,7 +123,7 @@ function Tools({ view, isOpen }: { view: PlotView; isOpen: Signal<boolean> }) {
 /** Menu of the layouts that this browser has by name. */
 function Layouts({ recorder }: { recorder: Recorder }) {
   const isNaming = useSignal(false);
-  const words = texts().plots;
+  const { bar, plots: words } = texts();
   const { saved } = recorder;
   const remove = (name: string) => {
     const { [name]: _, ...others } = saved.peek();
@@ -139,7 +139,7 @@ function Layouts({ recorder }: { recorder: Recorder }) {
         label={words.nameOfLayout}
         hint={words.nameOfLayout}
         most={LONGEST_NAME}
-        action={words.saveAs}
+        action={bar.save}
         onSend={save}
         onClose={() => (isNaming.value = false)}
       />
@@ -161,9 +161,7 @@ function Chooser({ view }: { view: PlotView }) {
   const { recorder } = view;
   const { known, layout, names } = recorder;
   const typed = useSignal("");
-  const input = useRef<HTMLInputElement>(null);
   const words = texts().plots;
-  useEffect(() => input.current?.focus(), []);
   const parts = typed.value.toLowerCase().split(" ");
   const found = [...known.value.values()].filter(({ name, title }) => {
     const text = `${name} ${title} ${words.titles[title] ?? ""}`.toLowerCase();
@@ -174,7 +172,7 @@ function Chooser({ view }: { view: PlotView }) {
       <div class="field">
         <Icon name="search" />
         <input
-          ref={input}
+          ref={focus}
           type="search"
           aria-label={words.find}
           placeholder={words.find}

@@ -2,7 +2,7 @@
 
 import { useComputed } from "@preact/signals";
 import { isOnFloor } from "../drive/axes";
-import type { Path } from "../drive/path";
+import { isOver, type Path } from "../drive/path";
 import {
   CAMERA_PRESETS,
   type CameraPreset,
@@ -60,8 +60,8 @@ export function Modes() {
 /** Length, progress or end of the path, or what to do for one. */
 function pathText({ route: { value: route }, mode: { value: mode } }: Path): string {
   const { path: labels } = texts().scene;
-  const isOld = route?.phase === "arrived" || route?.phase === "ended";
-  if (route === null || (isOld && mode !== "stick")) return mode === "stick" ? "" : labels[mode];
+  if (route === null || (isOver(route) && mode !== "stick"))
+    return mode === "stick" ? "" : labels[mode];
   const length = figure(route.length_m, 2);
   switch (route.phase) {
     case "planning":

@@ -80,7 +80,6 @@ export function duration(seconds: number): string {
   if (whole < 60) return `${whole} s`;
   const two = (part: number) => String(part).padStart(2, "0");
   const [hours, minutes] = [Math.floor(whole / 3600), Math.floor(whole / 60) % 60];
-  return hours > 0
-    ? `${hours}:${two(minutes)}:${two(whole % 60)}`
-    : `${minutes}:${two(whole % 60)}`;
+  const start = hours > 0 ? `${hours}:${two(minutes)}` : minutes;
+  return `${start}:${two(whole % 60)}`;
 }

@@ -164,6 +164,7 @@ function Rail({ timeline, lanes }: { timeline: Timeline; lanes: RecordedLanes | 
   const { start_ms: startMs, duration_s: durationS } = timeline;
   const tS = playback.cursor.value.t_s;
   const shownMs = startMs + 1000 * tS;
+  const words = [clock(shownMs), ...(lanes ? told(lanes, tS) : [])];
   return (
     <div
       {...sliderHandlers(
@@ -172,12 +173,7 @@ function Rail({ timeline, lanes }: { timeline: Timeline; lanes: RecordedLanes | 
       )}
       class="rail"
       aria-label={texts().timeline.recordedSlider}
-      {...sliderValue(
-        0,
-        durationS,
-        tS,
-        [clock(shownMs), ...(lanes ? told(lanes, tS) : [])].join(", "),
-      )}
+      {...sliderValue(0, durationS, tS, words.join(", "))}
       style={{ "--at": `${100 * shareAt(tS, 0, durationS)}%` }}
     >
       <i class="cursor">

@@ -17,7 +17,7 @@ interface LineFormProps {
 }
 
 /** Focus a field at once: the next key must not be one of the page. */
-function focus(input: HTMLInputElement | null): void {
+export function focus(input: HTMLInputElement | null): void {
   input?.focus();
   input?.select();
 }
