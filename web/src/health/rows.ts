@@ -103,21 +103,34 @@ function reading(
   unit: string,
   limits?: Limits,
 ): Row {
-  const { rows, remedies } = texts().health;
-  const row = plain(rows[key], figure(value, decimals), unit);
+  const row = plain(texts().health.rows[key], figure(value, decimals), unit);
   if (!limits) return row;
   const { least = -Infinity, most, from = 0, to, level = 1, about } = limits;
   const band = { least, most, from, to, at: value };
   if (value === null || (value >= least && value < most)) return { ...row, band };
   const limit = value < least ? least : most;
   const text = `${figure(limit, Number.isInteger(limit) ? 0 : decimals)} ${unit}`;
-  return { ...row, band, level, remedy: remedies[key]?.(about ?? text) ?? "" };
+  return { ...row, band, level, remedy: remedyOf(key, about ?? text) };
 }
 
 /** A fact without a scale that is wrong or not. */
 function fact(key: RowKey, value: string, level: Level, about = ""): Row {
-  const { rows, remedies } = texts().health;
-  return { ...plain(rows[key], value), level, remedy: level ? (remedies[key]?.(about) ?? "") : "" };
+  const row = plain(texts().health.rows[key], value);
+  return { ...row, level, remedy: level ? remedyOf(key, about) : "" };
+}
+
+/** What to do about a reading; `about` is its limit, or an object. */
+export function remedyOf(key: string, about: string): string {
+  const text = texts().health.remedies[key] ?? "";
+  return typeof text === "string" ? text : text(about);
+}
+
+/** Name of an actuator on the page. */
+export function actuator(name: string): string {
+  const { module, wheelNumber } = texts().panel.wheels;
+  const [, kind, number = ""] = /^(module|wheel)(\d+)$/.exec(name) ?? [];
+  if (kind === undefined) return name.replaceAll("_", " ");
+  return kind === "module" ? module(number) : wheelNumber(number);
 }
 
 /** Events in the last seconds, of which a few do no harm. */
@@ -157,7 +170,7 @@ function* estimateRows(
   } else {
     const { level, suspect } = consistency;
     const percent = 100 * (suspect === null ? level : Math.max(1, level));
-    const about = texts().health.actuator(suspect ?? "");
+    const about = actuator(suspect ?? "");
     yield reading("contradiction", percent, 0, "%", { most: 100, to: 200, level: 2, about });
   }
   if (poses) {
@@ -210,7 +223,7 @@ function controlRows({ limits }: RobotStatus, robot: RobotInfo | null): Row[] {
 }
 
 function* shadowRows({ compared_s, joints, pose, drifts, note }: ShadowReport): Generator<Row> {
-  const { rows, actuator } = texts().health;
+  const { rows } = texts().health;
   const compare = (name: string, value: number | null, band: number, unit: string): Row => {
     const decimals = unit === "°" ? 2 : 0;
     const limits = { least: -band, most: band, from: -2 * band, to: 2 * band };

@@ -20,32 +20,12 @@ export const language = remembered<Language>("tsd-language", preferred(), isOneO
 
 const table = computed(() => {
   const rules = new Intl.PluralRules(language.value);
-  const { health, panel, ...others } = tableOf(en, SOURCES[language.value], rules) as Table;
-  return { ...others, panel, health: completed(health, panel.wheels) };
+  return tableOf(en, SOURCES[language.value], rules) as Table;
 });
 
-export type Texts = typeof table.value;
-
 /** Texts in the language of the page; components that call it follow a change. */
-export function texts(): Texts {
+export function texts(): Table {
   return table.value;
-}
-
-/** Add names of actuators, and let each remedy be a function of what it is about. */
-function completed(health: Table["health"], words: Table["panel"]["wheels"]) {
-  const remedies = Object.entries(health.remedies).map(
-    ([row, text]) => [row, typeof text === "string" ? () => text : text] as const,
-  );
-  const actuator = (name: string): string => {
-    const [, kind, number = ""] = /^(module|wheel)(\d+)$/.exec(name) ?? [];
-    if (kind === undefined) return name.replaceAll("_", " ");
-    return kind === "module" ? words.module(number) : words.wheelNumber(number);
-  };
-  return {
-    ...health,
-    actuator,
-    remedies: Object.fromEntries(remedies) as Record<string, (about: string) => string>,
-  };
 }
 
 function preferred(): Language {

@@ -2,24 +2,26 @@
 
 import { expect, test } from "vitest";
 
+import type { Table } from "../../src/generated/texts";
 import type { CameraPreset, Layer, RobotState, TruePoseDisplay } from "../../src/generated/wire";
+import { actuator, remedyOf } from "../../src/health/rows";
 import type { PageCode } from "../../src/store/permission";
 import type { Sharpness } from "../../src/store/view";
 import de from "../../src/text/de.json";
 import en from "../../src/text/en.json";
 import { parse, type Source } from "../../src/text/template";
-import { type Language, LANGUAGES, language, texts, type Texts } from "../../src/text/text";
+import { type Language, LANGUAGES, language, texts } from "../../src/text/text";
 
 const SOURCES: Record<Language, Source> = { en, de };
 
 type Same<A, B> = [A, B] extends [B, A] ? true : false;
-type View = Texts["panel"]["view"];
+type View = Table["panel"]["view"];
 
 /** Each entry is an error of the type check if a table lacks a key of its union or has another. */
 const UNIONS: [
-  Same<keyof Texts["common"]["refusals"], PageCode>,
-  Same<keyof Texts["scene"]["cameras"], CameraPreset | "label">,
-  Same<keyof Texts["panel"]["wheels"]["heldBack"], NonNullable<RobotState["limit"]>>,
+  Same<keyof Table["common"]["refusals"], PageCode>,
+  Same<keyof Table["scene"]["cameras"], CameraPreset | "label">,
+  Same<keyof Table["panel"]["wheels"]["heldBack"], NonNullable<RobotState["limit"]>>,
   Same<keyof View["sharpnesses"], Sharpness>,
   Same<keyof View["layer"], Layer>,
   Same<keyof View["truePoses"], TruePoseDisplay>,
@@ -58,12 +60,12 @@ test.each(LANGUAGES)("%s has a branch for all other values and each plural categ
   }
 });
 
-test.each(LANGUAGES)("In %s actuators have names, and each remedy is a function", (each) => {
+test.each(LANGUAGES)("In %s actuators have names, and each remedy names its limit", (each) => {
   language.value = each;
   const { health, panel } = texts();
-  expect(health.actuator("module2")).toBe(panel.wheels.module(2));
-  expect(health.actuator("wheel10")).toBe(panel.wheels.wheelNumber(10));
-  expect(health.actuator("left_leg")).toBe("left leg");
-  for (const remedy of Object.values(health.remedies)) expect(remedy("7 ms")).not.toBe("");
-  expect(health.remedies["age"]!("7 ms")).toContain("7 ms");
+  expect(actuator("module2")).toBe(panel.wheels.module(2));
+  expect(actuator("wheel10")).toBe(panel.wheels.wheelNumber(10));
+  expect(actuator("left_leg")).toBe("left leg");
+  for (const row of Object.keys(health.remedies)) expect(remedyOf(row, "7 ms")).not.toBe("");
+  expect(remedyOf("age", "7 ms")).toContain("7 ms");
 });
