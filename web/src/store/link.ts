@@ -200,7 +200,6 @@ export class Link {
         if (this.#isLate(message)) return;
         this.stateMs = performance.now();
         this.#loadingBeats = 0;
-        this.#count(message.status_seq);
         this.state.value = message;
         break;
       case "robot":
@@ -235,24 +234,22 @@ export class Link {
       this.send({ t: "robot", id: before });
   }
 
-  /** Whether another socket has overtaken a state, or it is of another robot. */
+  /** Count a state; return whether it is of another robot, or another socket has overtaken it. */
   #isLate({ selection, status_seq }: RobotState): boolean {
-    const isOther = selection > 0 && selection !== this.robot.peek()?.selection;
-    return isOther || (selection > 0 && status_seq <= (this.#seen.at(-1) ?? -1));
+    const ordered = selection > 0;
+    if (ordered && selection !== this.robot.peek()?.selection) return true;
+    const newest = Math.max(-1, ...this.#seen);
+    const before = !ordered && status_seq < newest ? [] : this.#seen; // A recording goes back.
+    this.#seen = [...before, status_seq].slice(-MAX_STATES);
+    const sent = Math.max(...this.#seen) - Math.min(...this.#seen) + 1;
+    this.lost = Math.max(0, 1 - this.#seen.length / sent);
+    return ordered && status_seq <= newest;
   }
 
   #measure(sentMs: number): void {
     this.trips = [...this.trips, performance.now() - sentMs].slice(-MAX_ROUND_TRIPS);
     this.pageMs = quantile(this.trips.slice(-9), 0.5);
     this.pageJitterMs = quantile(this.trips, 0.95) - quantile(this.trips, 0.5);
-  }
-
-  /** Detect lost states by their sequence numbers. */
-  #count(seen: number): void {
-    const before = seen < (this.#seen.at(-1) ?? -1) ? [] : this.#seen;
-    this.#seen = [...before, seen].slice(-MAX_STATES);
-    const sent = seen - (this.#seen[0] ?? seen) + 1;
-    this.lost = Math.max(0, 1 - this.#seen.length / sent);
   }
 }
 

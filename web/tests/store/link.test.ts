@@ -165,11 +165,15 @@ test("of states over lanes, none is shown after a newer one or for another robot
   const lane = sockets[2]!;
   state();
   const shown = link.state.value!;
-  lane.say({ ...shown, status_seq: shown.status_seq - 1, age_ms: 1 });
+  lane.say({ ...shown, status_seq: 0, age_ms: 1 });
   lane.say({ ...shown, status_seq: shown.status_seq + 1, selection: 2, age_ms: 2 });
   expect(link.state.value).toBe(shown);
-  lane.say({ ...shown, status_seq: shown.status_seq + 1, age_ms: 3 });
+  lane.say({ ...shown, status_seq: shown.status_seq + 2, age_ms: 3 });
   expect(link.state.value?.age_ms).toBe(3);
+  const lost = link.lost;
+  lane.say({ ...shown, status_seq: shown.status_seq + 1, age_ms: 4 });
+  expect(link.state.value?.age_ms).toBe(3);
+  expect(link.lost).toBeLessThan(lost); // It was late, not lost.
 });
 
 test("a lane that is silent for two seconds is replaced", () => {
