@@ -301,24 +301,25 @@ class _Reckoning:
 
 def _reckon(start_s: float, heading: Array, steps: Sequence[_FilterStep]) -> _Reckoning:
     """Integrate the twists of `steps` from a `heading` (...) at `start_s`."""
-    moved = np.stack([step.moved for step in steps])
-    growth = np.stack([step.growth_per_s for step in steps])
-    heading = heading + moved[..., 2].cumsum(axis=0)
-    begin = heading - moved[..., 2]
-    c, s = np.cos(begin), np.sin(begin)
+    moved = np.array([step.moved for step in steps])
+    growth = np.array([step.growth_per_s for step in steps])
     x_m, y_m, turned = moved[..., 0], moved[..., 1], moved[..., 2]
-    off = np.stack([c * x_m - s * y_m, s * x_m + c * y_m, turned], axis=-1).cumsum(axis=0)
+    heading = heading + turned.cumsum(axis=0)
+    begin = heading - turned
+    c, s = np.cos(begin), np.sin(begin)
+    off = np.empty_like(moved)
+    off[..., 0], off[..., 1], off[..., 2] = c * x_m - s * y_m, s * x_m + c * y_m, turned
+    off = off.cumsum(axis=0)
     # Rotate the noise of each twist into the mid-step frame, then into the first start frame.
     middle = heading - 0.5 * turned
-    turn = np.zeros_like(growth) + _POSE
-    turn[..., 0, 0] = turn[..., 1, 1] = np.cos(middle)
-    turn[..., 1, 0] = np.sin(middle)
-    turn[..., 0, 1] = -turn[..., 1, 0]
-    shift = _lever(-off) @ turn
+    shift = _lever(-off)
+    shift[..., 0, 0] = shift[..., 1, 1] = np.cos(middle)
+    shift[..., 1, 0] = np.sin(middle)
+    shift[..., 0, 1] = -shift[..., 1, 0]
     ends_s = np.array([start_s, *(step.end_s for step in steps)])
-    dt_s = np.diff(ends_s).reshape(-1, *(1,) * (growth.ndim - 1))
+    dt_s = (ends_s[1:] - ends_s[:-1]).reshape(-1, *(1,) * (growth.ndim - 1))
     grown = (dt_s * (shift @ growth @ _transposed(shift))).cumsum(axis=0)
-    twist_by = shift @ np.stack([step.twist_bias_jacobian for step in steps])
+    twist_by = shift @ np.array([step.twist_bias_jacobian for step in steps])
     return _Reckoning(dt_s, off, _lever(off), shift, twist_by, grown)
 
 
@@ -342,7 +343,7 @@ def _carry(before: _FilterStep, steps: Sequence[_FilterStep]) -> None:
     if before.bias_jacobian.shape[-1]:
         bias_jacobian = carry @ (before.bias_jacobian + reckoned.by_biases)
         shift, twist_by, dt_s = reckoned.shift, reckoned.twist_by, reckoned.dt_s
-        twist = np.stack([step.twist for step in steps])
+        twist = np.array([step.twist for step in steps])
         square = np.square(_TWIST_MARGIN * twist)
         square[..., :2] = square[..., :1] + square[..., 1:2]
         doubt = twist_by @ _transposed(twist_by) + (shift * square[..., None, :]) @ _transposed(
@@ -420,4 +421,4 @@ def _distance_sq(off: Array, covariance: Array) -> Array:
 
 
 def _transposed(matrices: Array) -> Array:
-    return np.swapaxes(matrices, -1, -2)
+    return matrices.swapaxes(-1, -2)

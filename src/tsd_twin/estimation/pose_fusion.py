@@ -221,7 +221,7 @@ class FusedEstimate:
 
     def fuse_readings(self, readings: Array, now_s: float) -> None:
         """Fuse the sensor readings (s,) of the step that ended at `now_s`; NaN are left out."""
-        if not self.sensors:
+        if not self.sensors.has_reading(readings):  # Catching up takes longer than a period.
             return
         running = self._filter or self._caught_up()
         if running is None:

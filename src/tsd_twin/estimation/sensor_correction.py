@@ -107,6 +107,10 @@ class SensorCorrection:
         by = errors.bias_jacobian[:, self._own :]
         return PoseErrors(errors.bias_jacobian[:, : self._own], errors.noise_cov + by @ by.T)
 
+    def has_reading(self, readings: Array) -> bool:
+        """Return whether any sensor has all its readings (s,) of a step."""
+        return any(_is_complete(entry, readings) for entry in self._entries)
+
     def readings(self, readings: Array, pose: SE2) -> list[LinearReading]:
         """Return the readings (s,) of a step, linearized at a pose; NaN has none."""
         return [
@@ -116,10 +120,9 @@ class SensorCorrection:
         ]
 
     def _linear(self, entry: _Entry, readings: Array, pose: SE2) -> LinearReading | None:
-        reading = readings[slice(*entry.channels)]
-        first, end = entry.channels
-        if len(reading) < end - first or not np.isfinite(reading).all():  # It may be omitted.
+        if not _is_complete(entry, readings):
             return None
+        reading = readings[slice(*entry.channels)]
         expected = entry.model.predict(pose)
         if expected is None:
             return None
@@ -128,3 +131,9 @@ class SensorCorrection:
         offset = reading - expected.value
         offset = np.where(entry.is_angle, wrap(offset), offset)
         return LinearReading(offset, expected.pose_jacobian, by, expected.covariance)
+
+
+def _is_complete(entry: _Entry, readings: Array) -> bool:
+    first, end = entry.channels
+    reading = readings[first:end]  # It may be omitted.
+    return len(reading) == end - first and bool(np.isfinite(reading).all())
