@@ -114,6 +114,7 @@ class Board:
         if not self._native:
             self._lib.board_paint(self._board, _symbol(elf, "_end") & 0xFFFF)
         self._receive = ctypes.create_string_buffer(65536)
+        self._pulse = (ctypes.c_uint64 * 4)()
         self._call: ctypes._FuncPointer | None = None
         self._raised: BaseException | None = None
 
@@ -185,10 +186,14 @@ class Board:
 
     def pulse(self, index: int) -> Pulse:
         """Return the pulses on the line to a speed controller."""
-        facts = (ctypes.c_uint64 * 4)()
-        self._lib.board_esc(self._board, index, facts)
-        count, width, unarmed, first = facts
+        self._lib.board_esc(self._board, index, self._pulse)
+        count, width, unarmed, first = self._pulse
         return Pulse(count, width / _US, unarmed / _US, first / HZ)
+
+    def pulse_us(self, index: int) -> float:
+        """Return the width of the last pulse, as in `pulse`, which takes three times as long."""
+        self._lib.board_esc(self._board, index, self._pulse)
+        return self._pulse[1] / _US
 
     @property
     def light(self) -> bool:

@@ -35,6 +35,8 @@ class RobotPlant:
         self._now_s = 0.0
         self._wheels = np.zeros(3)
         self._commands: tuple[float, ...] = ()
+        self._joints: Array | None = None
+        """Latest joints; the simulation replaces them when they move."""
         self._driven = True
         self._signal_s = 0.0
         self.stuck: set[int] = set()
@@ -74,7 +76,7 @@ class RobotPlant:
         """
         self.simulation.advance(now_s - self._now_s)
         self._now_s = now_s
-        angles = self.gimbals
+        joints = self.simulation.joints
         goals = [
             servo.goal if servo.torque and servo.answers and not servo.jammed else None
             for servo in servos
@@ -86,6 +88,9 @@ class RobotPlant:
             self._driven = driven
             self.simulation.lose_drive()
         commands = (*goals, *pulses_us, driven, *self.stuck)
+        if commands == self._commands and joints is self._joints:
+            return
+        self._joints, angles = joints, self.gimbals
         if commands != self._commands:
             self._commands = commands
             self._command(goals, angles, pulses_us)

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 BROADCAST = 0xFE
 PING, READ, WRITE, STATUS, SYNC_WRITE = 0x01, 0x02, 0x03, 0x55, 0x83
 _START = b"\xff\xff\xfd\x00"
@@ -19,6 +21,7 @@ def _row(byte: int) -> int:
 _ROWS = [_row(byte) for byte in range(256)]
 
 
+@lru_cache(maxsize=1024)  # Most packets repeat earlier ones.
 def crc(data: bytes) -> bytes:
     """Return the CRC of a packet: polynomial 0x8005, most significant bit first."""
     total = 0

@@ -135,6 +135,10 @@ class Rp2040Board(Board):
         count, width, unarmed, first = self._state["pulses"][index]
         return Pulse(count, width / 1000.0, unarmed / 1000.0, first / _NS)
 
+    def pulse_us(self, index: int) -> float:
+        """Return the width of the last pulse; 0 if they ceased."""
+        return self.pulse(index).us
+
     def send_frames(self, *, on: bool = True, flags: int = 0) -> None:
         """Make the receiver send SBUS frames with `flags` instead of pulses."""
         self._write("sbus", [on, flags])

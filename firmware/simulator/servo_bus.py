@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cache
 from types import ModuleType
 
 from firmware.simulator import protocol1, protocol2
@@ -46,7 +47,7 @@ class ServoBusSimulation:
         address, rest = protocol.fields(parameters)
         if instruction == protocol.READ:
             length = int.from_bytes(rest, "little")
-            if not servo.registers.documented.issuperset(range(address, address + length)):
+            if not _covers(servo.registers.documented, address, length):
                 self.reserved.add((address, length))
             return servo.status(servo.read(address, length))
         servo.write(address, rest)
@@ -60,3 +61,8 @@ class ServoBusSimulation:
             servo = self.servos.get(rest[at])
             if servo is not None and servo.answers and servo.registers.protocol is protocol:
                 servo.write(address, rest[at + 1 : at + 1 + size])
+
+
+@cache
+def _covers(documented: frozenset[int], address: int, length: int) -> bool:
+    return documented.issuperset(range(address, address + length))

@@ -118,7 +118,7 @@ class FirmwareSimulation:
 
     def pulses_us(self) -> list[float]:
         """Return the pulse widths to the speed controllers."""
-        return [self.board.pulse(i).us for i in range(3)]
+        return [self.board.pulse_us(i) for i in range(3)]
 
     def set_battery(self, volts: float) -> None:
         """Set the battery voltage."""
