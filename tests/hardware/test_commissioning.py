@@ -24,6 +24,7 @@ from tsd_twin.hardware.joints import JointConverter
 from tsd_twin.hardware.serial_transport import HardwareError
 from tsd_twin.simulation import Motors
 
+pytestmark = pytest.mark.computes
 JUMP_STEPS = 5
 """Largest change of a goal, also after a missed response: half a degree."""
 STEP_RAD = 2.0 * math.pi / 4096.0

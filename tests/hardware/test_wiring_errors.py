@@ -24,6 +24,7 @@ from tests.support.markdown_pages import ROOT, page
 from tsd_twin.hardware.commissioning.sheet import read_sheet
 from tsd_twin.hardware.commissioning.steps import Swing, Turn
 
+pytestmark = pytest.mark.computes
 PLANS = sorted((ROOT / "docs/wiring").glob("*.toml"))
 MACHINES = (MegaMachine, BusWheels, U2D2Machine, CanWheelsMachine)
 

@@ -29,6 +29,7 @@ from tsd_twin.hardware import servo_line, u2d2
 from tsd_twin.hardware.board_geometry import compiled_geometry
 from tsd_twin.hardware.dynamixel.control_table import (
     TABLE_SIZE,
+    Block,
     BoardCommand,
     BoardIdentity,
     BoardMode,
@@ -108,6 +109,8 @@ class PretendBoard:
         self.wheels = Wheels()
         self.history = TripHistory()
         self.table = bytearray(TABLE_SIZE)
+        self._packed: dict[type[Block], tuple[Block, bytes]] = {}
+        """Latest block of each kind in the table."""
         self.obeys_arm = True
         self.silent = False
         self.late = 0
@@ -175,7 +178,10 @@ class PretendBoard:
     def _refresh(self) -> None:
         self.telemetry = replace(self.telemetry, millis=self.telemetry.millis + 10)
         for block in (self.identity, self.telemetry, self.wheels, self.geometry, self.history):
-            packed = block.pack()
+            kept, packed = self._packed.get(type(block), (None, b""))
+            if kept is not block:  # Most stay the same.
+                packed = block.pack()
+                self._packed[type(block)] = block, packed
             self.table[block.ADDRESS : block.ADDRESS + len(packed)] = packed
 
 

@@ -15,6 +15,7 @@ from tsd_twin.dashboard.wire.to_page import encode_message
 from tsd_twin.dashboard.wire.typescript import FOLDER, generated, wire_module, wire_structs
 from tsd_twin.messages.codes import PARAMETERS
 
+pytestmark = pytest.mark.computes
 INTERFACES: dict[str, str] = dict(
     re.findall(r"^export interface (\w+) \{\n(.*?)^\}", wire_module(), re.MULTILINE | re.DOTALL)
 )

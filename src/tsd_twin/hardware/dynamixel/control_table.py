@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from enum import IntEnum, IntFlag
+from functools import cache
 from itertools import islice
 from struct import Struct, calcsize
-from typing import Annotated, Any, ClassVar, Literal, Self, cast, get_type_hints
+from typing import Annotated, ClassVar, Literal, Self, cast, get_type_hints
 
 TABLE_VERSION = 8
 FW_VERSION = 8
@@ -85,23 +86,31 @@ class Block:
     def pack(self) -> bytes:
         """Return the bytes of the block."""
         numbers: list[int] = []
-        for field in fields(self):
-            value: int | Ints = getattr(self, field.name)
-            numbers.extend(value if isinstance(value, tuple) else (value,))
+        for name, count in _lengths(type(self)):
+            value = getattr(self, name)
+            if count is None:
+                numbers.append(value)
+            else:
+                numbers += value
         return self.LAYOUT.pack(*numbers)
 
     @classmethod
     def unpack(cls, data: bytes) -> Self:
         """Parse a block."""
         numbers = iter(cls.LAYOUT.unpack(data))
-        values: dict[str, Any] = {}
-        for field in fields(cls):
-            default = cast("int | Ints", field.default)
-            if isinstance(default, tuple):
-                values[field.name] = tuple(islice(numbers, len(default)))
-            else:
-                values[field.name] = next(numbers)
-        return cls(**values)
+        return cls(
+            *(
+                next(numbers) if count is None else tuple(islice(numbers, count))
+                for _, count in _lengths(cls)
+            )
+        )
+
+
+@cache
+def _lengths(block: type[Block]) -> list[tuple[str, int | None]]:
+    """Return the name of each item, and its length if it is an array."""
+    items = [(each.name, cast("int | Ints", each.default)) for each in fields(block)]
+    return [(name, len(it) if isinstance(it, tuple) else None) for name, it in items]
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,11 +7,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import cache
+from functools import cache, lru_cache
 from struct import pack, unpack_from
 from typing import ClassVar
 
 
+@lru_cache(maxsize=1024)  # Most requests repeat an earlier one.
 def crc16(data: bytes) -> int:
     """Return the CRC-16 with polynomial 0x8005, start 0, not reflected (CRC-16/UMTS)."""
     table = _table()
