@@ -28,7 +28,16 @@ def test_all_trips_are_caused_and_fit_into_their_bits() -> None:
 
 
 @pytest.mark.parametrize("trip", CAUSES)
-def test_the_light_blinks_each_cause(trip: Trip, bench: Bench) -> None:
+def test_the_light_blinks_each_cause(trip: Trip, native_bench: Bench) -> None:
+    blinks_its_cause(trip, native_bench)
+
+
+@pytest.mark.parametrize("trip", [Trip.WATCHDOG, Trip.BATTERY])
+def test_the_light_of_the_chip_blinks_the_cause(trip: Trip, bench: Bench) -> None:
+    blinks_its_cause(trip, bench)
+
+
+def blinks_its_cause(trip: Trip, bench: Bench) -> None:
     pilot = tripped(bench, trip)
     assert shown(pilot) == blinks(trip)
     assert pilot.history().past_trip == (trip, *(0,) * (PAST_TRIPS - 1))
