@@ -148,6 +148,7 @@ class RandomOperators:
     # Ask the robot itself for expected refusals, and a copy for expected successes.
 
     def copied(self) -> ControllerHarness:
+        self.rig.controller.take_events()  # As a node does, or each copy would have all.
         robot = self.rig.controller.robot
         return copy.deepcopy(self.rig, {id(robot): robot})
 

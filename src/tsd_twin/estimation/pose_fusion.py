@@ -126,6 +126,10 @@ class _EstimateRecord(NamedTuple):
     uncertainty: Any
     """State of the pose uncertainty, or None in the middle of a block."""
 
+    def __deepcopy__(self, _memo: object) -> _EstimateRecord:
+        """Return itself, because nothing changes a record."""
+        return self
+
 
 class FusedEstimate:
     """Planar estimate whose pose is corrected by a pose sensor.
