@@ -223,13 +223,14 @@ def _driven(case: Case, seeds: Sequence[int], seconds: float) -> _Driven:
     setpoints, start = driven_setpoints(case.robot, case.manoeuvre, seconds)
     batch = (len(seeds),) if case.plant == "kinematic" else ()
     simulation = simulate(robot, batch, seed=seeds[0], noise=1.0, errors=1.0, plant=case.plant)
+    unmeasured = unmeasured_joints(robot)
     measured: list[Array] = []
     poses: list[SE2] = []
     for i in range(start + round(seconds / PERIOD_S)):
         if i > 0:
             simulation.advance(PERIOD_S)
         measured.append(np.atleast_2d(simulation.measure()))
-        measured[-1][:, unmeasured_joints(robot)] = np.nan
+        measured[-1][:, unmeasured] = np.nan
         poses.append(SE2(np.atleast_2d(simulation.pose.xy_heading)))
         simulation.command(setpoints[i])
     truths = [(poses[start].inverse() @ pose).xy_heading for pose in poses]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 
 import msgspec
@@ -123,6 +124,19 @@ def full_speed(robot: RobotDescription, random: np.random.Generator) -> Array:
     return np.asarray(twist / max(1.0, utilization))
 
 
+@functools.cache
+def _at_full_speed(name: str, seed: int) -> Driven:
+    driven = Driven(name, seed)
+    driven.drive(full_speed(driven.robot, np.random.default_rng(seed)))
+    return driven
+
+
+def at_full_speed(name: str, seed: int) -> Driven:
+    """Return a robot that drives at full speed, in a direction by its seed."""
+    driven = _at_full_speed(name, seed)
+    return copy.deepcopy(driven, {id(driven.robot): driven.robot})
+
+
 NAMES = ["tsd", "tsd with gyro", "omni4", "kiwi", "kiwi with gyro", "mecanum"]
 
 
@@ -131,8 +145,7 @@ NAMES = ["tsd", "tsd with gyro", "omni4", "kiwi", "kiwi with gyro", "mecanum"]
 def test_a_robot_whose_node_hangs_is_within_what_is_claimed(name: str, hung_s: float) -> None:
     """At full speed; the board stops the robot, and the node learns of it when it resumes."""
     for seed in range(100, 104):
-        driven = Driven(name, seed)
-        driven.drive(full_speed(driven.robot, np.random.default_rng(seed)))
+        driven = at_full_speed(name, seed)
         assert driven.nees < LIMIT
         driven.step(hung_s)
         assert driven.nees < LIMIT
@@ -148,8 +161,7 @@ def test_errors_are_as_large_as_claimed_when_a_robot_stops_at_any_time(name: str
     """Without measurements, the hardware keeps the robot moving for up to its timeout."""
     found = []
     for seed in range(100, 120):
-        driven, random = Driven(name, seed), np.random.default_rng(seed)
-        driven.drive(full_speed(driven.robot, random))
+        driven, random = at_full_speed(name, seed), np.random.default_rng([seed, 1])
         ends_s = random.uniform(OUTAGE_S, HARDWARE_TIMEOUT_S)
         for i in range(150):
             if i == round(ends_s / DT_S):
