@@ -145,7 +145,7 @@ def test_a_closed_view_and_a_closed_page_are_sent_nothing(fleet: VirtualFleet) -
                 assert await quiet(page, 1.0) == []
                 page.send(t="fleet", on=True)
                 await until(lambda: page.fleet["kiwi"]["latched"])
-            assert fleet.manager.live.feed._pages == {}
+            assert not fleet.manager.live.feed.has_subscribers
 
     fleet.clock.run(work())
 
