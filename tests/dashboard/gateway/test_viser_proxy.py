@@ -12,9 +12,9 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
+from tests.dashboard.viser_internals import request_headers
 from tests.support.page_client import Site, site
 from tests.support.viser_client import CAMERA, ViserClient
-from tests.support.viser_internals import request_headers
 from tests.support.withheld import PATIENCE_S
 from tsd_twin.dashboard.scene.viser_compat import page_of
 

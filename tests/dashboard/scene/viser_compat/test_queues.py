@@ -8,8 +8,8 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
+from tests.dashboard.viser_internals import event_loop, queue_of, replace_waiters, shared_queue
 from tests.support.viser_client import viser_client
-from tests.support.viser_internals import event_loop, queue_of, replace_waiters, shared_queue
 from tests.support.withheld import PATIENCE_S
 from tsd_twin.dashboard.scene import viser_compat
 

@@ -20,13 +20,13 @@ from hypothesis import strategies as st
 from viser.infra import ClientId, Message
 from viser.infra._async_message_buffer import AsyncMessageBuffer
 
-from tests.support.viser_client import ViserClient, viser_client
-from tests.support.viser_internals import (
+from tests.dashboard.viser_internals import (
     message_producer,
     queue_of,
     run_garbage_collector,
     shared_queue,
 )
+from tests.support.viser_client import ViserClient, viser_client
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.errors import TwinError
 

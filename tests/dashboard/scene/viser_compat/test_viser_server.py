@@ -10,8 +10,8 @@ import msgspec
 import pytest
 import viser
 
+from tests.dashboard.viser_internals import handled_messages
 from tests.support.viser_client import viser_client
-from tests.support.viser_internals import handled_messages
 from tests.support.withheld import PATIENCE_S
 from tsd_twin.dashboard.scene import viser_compat
 
