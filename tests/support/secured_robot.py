@@ -149,11 +149,9 @@ class SecuredRobot:
             assert alive.wait(PATIENCE_S)
             yield bus
 
-    @contextlib.contextmanager
-    def raw_join(self, name: str) -> Generator[zenoh.Session]:
+    def raw_join(self, name: str) -> zenoh.Session:
         """Open a Zenoh session with a client's certificate."""
-        with raw_session(self.config(name, mode="client" if self.told else "peer")) as session:
-            yield session
+        return raw_session(self.config(name, mode="client" if self.told else "peer"))
 
     def force(self, bus: Bus, key: str, payload: bytes) -> None:
         """Put a forbidden message; the session sends it because of a known subscriber."""
@@ -322,11 +320,9 @@ class RouterStage:
                 assert alive.wait(PATIENCE_S)
             yield bus
 
-    @contextlib.contextmanager
-    def raw_join(self, name: str) -> Generator[zenoh.Session]:
+    def raw_join(self, name: str) -> zenoh.Session:
         """Open a Zenoh session with the certificate of a robot or client."""
-        with raw_session(self.config(name)) as session:
-            yield session
+        return raw_session(self.config(name))
 
     def close(self) -> None:
         for robot in self.robots.values():

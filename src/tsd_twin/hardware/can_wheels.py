@@ -217,10 +217,10 @@ class CanWheels:
         self._latch.lock(because(Code.DEVICE_DISCONNECTED, device="can_bus", text=self._lost_bus))
 
     def step(self) -> None:
-        """Run one cycle on this thread: check, send the command and collect measurements.
+        """Run one cycle on the I/O thread: check, send the command and collect measurements.
 
         Raises:
-            can.CanError: If the bus is lost.
+            can.CanError, OSError, ValueError: If the bus is lost.
         """
         now_s = self._clock()
         command = self.command
