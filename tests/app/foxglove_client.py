@@ -57,7 +57,7 @@ class _Client(WebSocketBridgeClient):
 
     async def _attempt_connection(self) -> None:
         await super()._attempt_connection()
-        self._websocket: Any = _EndsWhenClosed(self._websocket, self._give_up)
+        self.socket = self._websocket = _EndsWhenClosed(self._websocket, self._give_up)
 
     def _give_up(self) -> None:
         self._should_connect = False

@@ -257,7 +257,7 @@ def test_a_client_that_is_killed_leaves_a_robot_at_rest_and_free(stage: Stage) -
                 await driver.push(SPEED_MPS, 0.8)
                 last_m = it.x_m
                 # The system sends this for a killed process.
-                driver.client._websocket.transport.abort()
+                driver.client.socket.transport.abort()
             await it.until(lambda: it.status["lease"]["holder"] is None, "still held")
             await it.until_still()
             assert it.x_m - last_m < ALLOWANCE_M + (0.04 + withheld.total_s) * SPEED_MPS
@@ -392,7 +392,7 @@ def test_hostile_messages_move_nothing_and_end_nothing(stage: Stage) -> None:
             await it.publish(twist_json(0.5), topic="/other/cmd_vel")
             await it.publish(twist_json(0.5), encoding="protobuf")
             await it.publish(twist_cdr(0.5)[:20], encoding="cdr")
-            line = it.client._websocket
+            line = it.client.socket
             noise = np.random.default_rng(1)
             for _ in range(50):
                 await line.send(noise.bytes(noise.integers(60)))
@@ -528,7 +528,7 @@ def test_a_recording_plays_pauses_and_seeks_for_who_brings_the_token(
         async def control(play: bool, speed: float, seek_ns: int | None) -> None:
             # Command, speed, whether to seek, time, and the number of the request.
             command = (0 if play else 1, speed, seek_ns is not None, seek_ns or 0, 0)
-            await it.client._websocket.send(b"\x03" + struct.pack("<BfBQI", *command))
+            await it.client.socket.send(b"\x03" + struct.pack("<BfBQI", *command))
 
         def shown_s() -> float:
             stamp = it.message("/odom").header.stamp

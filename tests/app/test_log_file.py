@@ -83,9 +83,13 @@ def test_file_that_cannot_be_written_is_named(run: Callable[..., None], tmp_path
         run(lambda: None, "--log-file", str(tmp_path / "missing" / "robot.log"))
 
 
+def _actions(parser: argparse.ArgumentParser) -> list[argparse.Action]:
+    return parser._actions  # noqa: SLF001  argparse lists them nowhere else.
+
+
 def _commands(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
-    for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
+    for action in _actions(parser):
+        if isinstance(action.choices, dict):  # Of parsers, by command.
             for command in action.choices.values():
                 yield command
                 yield from _commands(command)
@@ -99,8 +103,8 @@ def test_no_command_has_a_flag_of_its_own_for_what_all_programs_have(
     made: list[argparse.ArgumentParser] = []
     monkeypatch.setattr(program, "run", lambda parser, _body: made.append(parser))
     importlib.reload(importlib.import_module(name)).main()
-    common = {action.dest for action in program.parser("tsd-x", "Nothing.", [])._actions}
+    common = {action.dest for action in _actions(program.parser("tsd-x", "Nothing.", []))}
     commands = list(_commands(made[0]))
     assert commands
     for command in commands:
-        assert {action.dest for action in command._actions} & common == {"help"}, command.prog
+        assert {action.dest for action in _actions(command)} & common == {"help"}, command.prog

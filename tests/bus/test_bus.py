@@ -11,7 +11,7 @@ from collections.abc import Callable
 import pytest
 import zenoh
 
-from tests.support.robot_node import Mailbox, matched
+from tests.support.robot_node import Mailbox, matched, poll_until, raw_client
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.bus.config import MOST_MESSAGE_BYTES
 from tsd_twin.errors import BusError
@@ -52,30 +52,32 @@ def test_urgency_and_type_are_seen_by_who_receives(
     express: bool,
 ) -> None:
     box = Mailbox()
-    subscriber = robot._session.declare_subscriber(KEY, box)
     type_name = "nav_msgs/msg/Odometry"
-    matched(connect().publisher(KEY, qos, type_name)).put(b"x")
-    sample = box.next()
+    with raw_client(robot.endpoints()) as reader:
+        reader.declare_subscriber(KEY, box)
+        matched(connect().publisher(KEY, qos, type_name)).put(b"x")
+        sample = box.next()
     assert (sample.priority, sample.express) == (priority, express)
     assert sample.congestion_control == zenoh.CongestionControl.DROP
     assert sample.encoding == zenoh.Encoding.APPLICATION_CDR.with_schema(type_name)
-    subscriber.undeclare()
 
 
 def test_plain_streams_are_json(robot: Bus, connect: Callable[[], Bus]) -> None:
     box = Mailbox()
-    subscriber = robot._session.declare_subscriber(KEY, box)
-    matched(connect().publisher(KEY, QoS.DATA)).put(b"{}")
-    assert box.next().encoding == zenoh.Encoding.APPLICATION_JSON
-    subscriber.undeclare()
+    with raw_client(robot.endpoints()) as reader:
+        reader.declare_subscriber(KEY, box)
+        matched(connect().publisher(KEY, QoS.DATA)).put(b"{}")
+        assert box.next().encoding == zenoh.Encoding.APPLICATION_JSON
 
 
-def test_a_deletion_is_no_put(robot: Bus, connect: Callable[[], Bus]) -> None:
+def test_a_deletion_is_no_put(robot: Bus) -> None:
     box = Mailbox()
     robot.subscribe(KEY, box)
-    publisher = matched(connect().publisher(KEY, QoS.DATA))
-    publisher._publisher.delete()
-    assert box.next().is_put is False
+    with raw_client(robot.endpoints()) as writer:
+        publisher = writer.declare_publisher(KEY)
+        poll_until(lambda: publisher.matching_status.matching)
+        publisher.delete()
+        assert box.next().is_put is False
 
 
 def test_a_reader_keeps_the_newest(robot: Bus, connect: Callable[[], Bus]) -> None:

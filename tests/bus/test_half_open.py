@@ -15,7 +15,7 @@ import pytest
 import zenoh
 
 from tests.support.link_sockets import Relay
-from tests.support.robot_node import Mailbox, running
+from tests.support.robot_node import Mailbox, bus_and_session, running
 from tests.support.secured_robot import SecuredRobot, make_keys
 from tests.support.withheld import PATIENCE_S
 from tsd_twin.bus import Bus, Config, client_config
@@ -52,7 +52,7 @@ def robot(kind: str, folder: Path) -> Generator[tuple[str, Config]]:
 
 
 @contextlib.contextmanager
-def half_open(endpoint: str, config: Config) -> Generator[Bus]:
+def half_open(endpoint: str, config: Config) -> Generator[tuple[Bus, zenoh.Session]]:
     """Open a session whose first connection Zenoh gives up while adding it.
 
     A link listener runs within that last step, so a slow one delays it.
@@ -68,16 +68,21 @@ def half_open(endpoint: str, config: Config) -> Generator[Bus]:
         settings = hurried(config)
         endpoints = json.dumps([relay.endpoint])
         others = {**settings.others, "connect/endpoints": endpoints}
-        with Bus(dataclasses.replace(settings, others=others)) as bus:
-            slow = zenoh.handlers.Callback(sleep_once, indirect=False)
-            with bus._session.info.declare_link_events_listener(slow):
-                assert slept.wait(PATIENCE_S)
-                yield bus
+        slow = zenoh.handlers.Callback(sleep_once, indirect=False)
+        with (
+            bus_and_session(dataclasses.replace(settings, others=others)) as (bus, session),
+            session.info.declare_link_events_listener(slow),
+        ):
+            assert slept.wait(PATIENCE_S)
+            yield bus, session
 
 
 @pytest.mark.parametrize("kind", ["tcp", "tls"])
 def test_a_connection_given_up_while_it_was_made_is_made_anew(kind: str, tmp_path: Path) -> None:
-    with robot(kind, tmp_path) as (endpoint, config), half_open(endpoint, config) as bus:
+    with (
+        robot(kind, tmp_path) as (endpoint, config),
+        half_open(endpoint, config) as (bus, session),
+    ):
         statuses = Mailbox()
         bus.subscribe(topics.STATUS.key("tsd"), statuses)
         statuses.next()
@@ -85,7 +90,7 @@ def test_a_connection_given_up_while_it_was_made_is_made_anew(kind: str, tmp_pat
         assert msgspec.json.decode(bus.query(Service.STOP.key("tsd"), b"{}", PATIENCE_S))["ok"]
         while decode_status(statuses.next().payload).mode != "stopped":
             pass
-        assert len(bus._session.info.transports()) == len(bus._session.info.links()) == 1
+        assert len(session.info.transports()) == len(session.info.links()) == 1
 
 
 def test_a_connection_made_in_time_is_kept() -> None:

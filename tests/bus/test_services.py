@@ -10,6 +10,7 @@ from typing import TypeVar
 import pytest
 import zenoh
 
+from tests.support.robot_node import raw_client
 from tests.support.withheld import PATIENCE_S
 from tsd_twin.bus import Bus
 from tsd_twin.errors import NoAnswerError
@@ -61,47 +62,46 @@ def test_a_question_is_answered(robot: Bus, connect: Callable[[], Bus]) -> None:
         end()
 
 
-def test_an_answer_to_a_pattern_names_the_one_who_answers(
-    robot: Bus, connect: Callable[[], Bus]
-) -> None:
+def test_an_answer_to_a_pattern_names_the_one_who_answers(robot: Bus) -> None:
     ends = [
         answering(robot, f"twin/{name}/desc", name.encode(), patterns=True) for name in ("r1", "r2")
     ]
-    client = connect()
 
     def both() -> dict[str, bytes] | None:
-        replies = client._session.get("twin/*/desc", timeout=PATIENCE_S)
+        replies = client.get("twin/*/desc", timeout=PATIENCE_S)
         answers = {str(r.ok.key_expr): r.ok.payload.to_bytes() for r in replies if r.ok}
         return answers if len(answers) == len(ends) else None
 
-    try:
-        answers = when_known(both)
-    finally:
-        for end in ends:
-            end()
+    with raw_client(robot.endpoints()) as client:
+        try:
+            answers = when_known(both)
+        finally:
+            for end in ends:
+                end()
     assert answers == {"twin/r1/desc": b"r1", "twin/r2/desc": b"r2"}
 
 
 PATTERNS = ("**", "twin/**", "twin/r1/*", "twin/*/stop", "twin/r$*/stop")
 
 
-def test_a_query_to_a_pattern_is_no_request(robot: Bus, connect: Callable[[], Bus]) -> None:
+def test_a_query_to_a_pattern_is_no_request(robot: Bus) -> None:
     """Patterns explore the bus; only a query to the exact key requests an action."""
-    server, client = robot.queryable("twin/r1/stop"), connect()
-    querier = client._session.declare_querier("twin/r1/stop")
-    when_known(lambda: querier.matching_status.matching or None)
-    for pattern in PATTERNS:
-        client._session.get(pattern, zenoh.handlers.RingChannel(1), timeout=PATIENCE_S)
-    answers = client._session.get("twin/r1/stop?why=me", payload=b"last", timeout=PATIENCE_S)
-    taken: list[bytes] = []
-    end_s = time.monotonic() + PATIENCE_S
-    while not taken and time.monotonic() < end_s:
-        for request in server.take_requests():
-            taken.append(request.payload)
-            request.reply(b"yes")
-        time.sleep(0.005)
-    assert taken == [b"last"]
-    assert [answer.ok.payload.to_bytes() for answer in answers if answer.ok] == [b"yes"]
+    server = robot.queryable("twin/r1/stop")
+    with raw_client(robot.endpoints()) as client:
+        querier = client.declare_querier("twin/r1/stop")
+        when_known(lambda: querier.matching_status.matching or None)
+        for pattern in PATTERNS:
+            client.get(pattern, zenoh.handlers.RingChannel(1), timeout=PATIENCE_S)
+        answers = client.get("twin/r1/stop?why=me", payload=b"last", timeout=PATIENCE_S)
+        taken: list[bytes] = []
+        end_s = time.monotonic() + PATIENCE_S
+        while not taken and time.monotonic() < end_s:
+            for request in server.take_requests():
+                taken.append(request.payload)
+                request.reply(b"yes")
+            time.sleep(0.005)
+        assert taken == [b"last"]
+        assert [answer.ok.payload.to_bytes() for answer in answers if answer.ok] == [b"yes"]
 
 
 def test_who_asks_a_pattern_does_not_wait_for_an_answer_that_never_comes(
@@ -112,7 +112,7 @@ def test_who_asks_a_pattern_does_not_wait_for_an_answer_that_never_comes(
     try:
         assert when_known(lambda: client.query("twin/r1/stop", b"yes", PATIENCE_S)) == b"yes"
         start_s = time.monotonic()
-        assert list(client._session.get("twin/**", timeout=60.0)) == []
+        assert client.query_all("twin/**", b"", 60.0) == []
         assert time.monotonic() - start_s < 30.0
     finally:
         end()

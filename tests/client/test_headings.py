@@ -21,7 +21,7 @@ def test_three_turns_on_the_spot_read_the_same_from_the_bus_and_in_the_simulator
             return (0.0, 0.0, 2.0) if turned < 6.1 * math.pi else None
 
         for _ in base.driving(turning):
-            inside = robot.link._controller.odometry(0)
+            inside = robot.link.controller.odometry(0)
             counted.append(float(inside.xy_heading[2]))
             on_bus = decode_odometry(encode_odometry(inside)).xy_heading
             pose, truth = robot.state.odom.pose, robot.state.truth.pose

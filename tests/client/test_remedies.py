@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable, Iterator
 
+import msgspec
 import pytest
 
 import tsd_twin
@@ -12,6 +13,8 @@ from tests.support.markdown_pages import ROOT, page, quoted, section, tables
 from tsd_twin import ClientError, ControlDenied, RequestRefused, RobotStopped, SimulatedRobot
 from tsd_twin.client.errors import REMEDIES
 from tsd_twin.messages.codes import Code
+from tsd_twin.messages.services import LeaseReply, LeaseRequest, decode_json
+from tsd_twin.messages.topics import Service
 
 FILES = sorted((ROOT / "src/tsd_twin/client").glob("*.py"))
 
@@ -67,8 +70,10 @@ def test_a_reset_takes_control_from_nobody_and_changes_no_robot_that_is_not_latc
             robot.reset()
         assert (refused.value.code, refused.value.params) == ("not_latched", {"mode": "ready"})
         assert (robot.state.mode, base.is_held) == ("ready", True)
-        base._protocol.release()
-        base._link.detach(base._protocol)
+    with SimulatedRobot("tsd") as robot:
+        take = LeaseRequest(op="acquire", operator="bob")
+        reply = robot.link.call(Service.LEASE, msgspec.json.encode(take), 1.0)
+        assert decode_json(reply or b"", LeaseReply, "a reply").granted
         robot.stop()
         robot.sleep(0.1)
         with pytest.raises(ControlDenied) as denied:

@@ -110,12 +110,12 @@ def test_what_the_board_objects_to_is_a_fault_while_armed_and_refuses_arming(
     rig: ControllerHarness,
 ) -> None:
     pilot = rig.get_ready()
-    rig.controller.step(rig.now_s + PERIOD_S, rig._measure(), (), HAS_IT)
+    rig.controller.step(rig.now_s + PERIOD_S, rig.measure(), (), HAS_IT)
     assert mode_of(rig) is Mode.FAULT
     assert rig.status().stop == HAS_IT
     rig.now_s += 1.0
     assert rig.ask(Service.RESET, lease=pilot.lease).ok
-    rig.controller.step(rig.now_s, rig._measure(), (), HAS_IT)
+    rig.controller.step(rig.now_s, rig.measure(), (), HAS_IT)
     reply = rig.ask(Service.ARM, lease=pilot.lease)
     assert reply == Reply.refused(HAS_IT)
     rig.tick()

@@ -235,6 +235,10 @@ class Robots:
         if self.answers:
             take(self.answers.pop(0))
 
+    @property
+    def takes_by_name(self) -> dict[str, TakeReply]:
+        return {name: take for (name, _), take in zip(self.asked, self.takes, strict=False)}
+
     def meet(self, robot_id: str, answer: bytes) -> None:
         if answer == b"bug":
             raise RecursionError(robot_id)
@@ -298,8 +302,18 @@ def test_what_waits_is_bounded_and_the_newest_is_kept() -> None:
     coming = RobotConnector(they.ask, they.meet)
     for i in range(3 * MAX_PENDING_ROBOTS):
         coming.add_robot(f"r{i}")
-    assert len(coming._pending) <= MAX_PENDING_ROBOTS
     coming.add_robot("newest")
     until(lambda: [name for name, *_ in they.asked[-1:]] == ["newest"])
-    they.takes[-1](b"hello")
-    until(lambda: they.met == [("newest", b"hello")])
+    takes = they.takes_by_name
+    waiting = [name for name in takes if name != "newest"]
+    for start in range(0, len(waiting), MAX_PENDING_ROBOTS // 2):
+        for name in waiting[start : start + MAX_PENDING_ROBOTS // 2]:
+            takes[name](b"hello")
+        # The queue of answers drops the oldest, so wait for one that comes after these.
+        coming.add_robot(f"last{start}")
+        until(lambda start=start: f"last{start}" in they.takes_by_name)
+        they.takes_by_name[f"last{start}"](b"last")
+        until(lambda start=start: (f"last{start}", b"last") in they.met)
+    assert sum(name in waiting for name, _ in they.met) <= MAX_PENDING_ROBOTS
+    takes["newest"](b"hello")
+    until(lambda: they.met[-1] == ("newest", b"hello"))

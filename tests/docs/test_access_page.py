@@ -39,21 +39,32 @@ def test_every_flag_in_a_command_is_one() -> None:
 
 
 def test_the_figures_are_those_in_force() -> None:
-    logins = Logins()
     assert f"after {ABSOLUTE_S / 3600:g} hours, after {IDLE_S / 60:g} minutes" in PAGE
-    for throttle, words in (
-        (logins._limits.addresses, "from one address"),
-        (logins._names, "for one name"),
-    ):
-        assert f"{throttle._free} {words}" in PAGE
-    longest = (logins._limits.addresses._longest_s, logins._names._longest_s)
-    assert "{:g} minutes for an address and {:g} for a name".format(*(s / 60 for s in longest)) in (
+    (tries, by_address_s), (others, by_name_s) = (
+        limit_on("192.0.2.1", "x{}"),
+        limit_on("192.0.2.{}", "alice"),
+    )
+    assert f"{tries} from one address" in PAGE
+    assert f"{others} for one name" in PAGE
+    longest = (by_address_s / 60, by_name_s / 60)
+    assert "{:g} minutes for an address and {:g} for a name".format(*longest) in (
         " ".join(PAGE.split())
     )
-    assert (
-        f"after {logins._limits.together._at_once}, one in {logins._limits.together._every_s:g} s"
-        in PAGE
-    )
+    logins, tries = Logins(), 0
+    while (wait_s := logins.wait_s(f"192.0.2.{tries}", f"x{tries}", 0.0)) == 0.0:
+        tries += 1
+    assert f"after {tries}, one in {wait_s:g} s" in PAGE
+
+
+def limit_on(address: str, name: str) -> tuple[int, float]:
+    """Return the free tries, and the longest wait of one who goes on; `{}` is a number."""
+    logins, now_s, waits_s, free = Logins(), 0.0, list[float](), 0
+    for number in range(30):
+        while (wait_s := logins.wait_s(address.format(number), name.format(number), now_s)) > 0.0:
+            waits_s.append(round(wait_s, 3))
+            now_s += wait_s
+        free += not waits_s
+    return free, max(waits_s)
 
 
 def test_the_limits_are_those_in_force() -> None:

@@ -49,9 +49,9 @@ def test_after_any_garbage_and_a_pause_a_packet_is_understood(
     decoder = Decoder(protocol, longest=160)
     for part in chunks(garbage, cuts):
         decoder.feed(part, 0.0)
-        assert len(decoder._kept) <= 160
+        assert len(decoder.rest) <= 160
     decoder.feed(b"", 0.021)
-    assert not decoder._kept
+    assert not decoder.rest
     assert decoder.feed(protocol.encode(PING), 0.022) == [PING]
 
 

@@ -15,6 +15,7 @@ from tsd_twin.hardware.can_wheels import CanWheelsIO
 from tsd_twin.hardware.joints import MotorControllers
 from tsd_twin.hardware.robot_io import HasWatchdog, RobotIO
 from tsd_twin.hardware.serial_transport import HardwareError
+from tsd_twin.kinematics import JointKind
 from tsd_twin.messages.codes import Code, Reason
 from tsd_twin.robots import RobotDescription
 from tsd_twin.safety import Heartbeat
@@ -43,6 +44,8 @@ class Robot:
         self._beats = 0
         self.ahead = AHEAD[kind]
         self.rest = np.zeros_like(self.ahead)
+        joints = robot.kinematics().joints
+        self.wheels = [joint.name for joint in joints if joint.kind is JointKind.VELOCITY]
 
     def until(
         self, condition: Callable[[], object], setpoint: np.ndarray, *, armed: bool = True
@@ -152,7 +155,7 @@ def test_after_a_pause_of_the_program_nothing_turns_until_armed_again(it: Robot,
     it.for_s(0.5)
     assert not it.bus.driven
     assert it.faults[-1].code == Code.WHEEL_TIMED_OUT
-    assert it.faults[-1].params == {"wheels": ", ".join(it.io._wheels.names)}
+    assert it.faults[-1].params == {"wheels": ", ".join(it.wheels)}
     it.drive()
 
 

@@ -32,9 +32,11 @@ class Line:
         self.delay_s = _ANSWERS_AFTER_S
         self._answer, self._decoder = answer, Decoder(protocol2)
         self._sent: list[tuple[float, bytes]] = []
-        port = VirtualPort(self.clock, self._hear, self._say)
-        patch.setattr(serial, "open_port", lambda *_: port)
+        patch.setattr(serial, "open_port", self._open)
         self.transport = SerialTransport("line", 1_000_000)
+
+    def _open(self, _name: str, _baud: int, timeout_s: float) -> VirtualPort:
+        return VirtualPort(self.clock, timeout_s, self._hear, self._say)
 
     def _hear(self, data: bytes) -> None:
         for _ in self._decoder.feed(data, self.clock.now_s):

@@ -180,7 +180,7 @@ def test_a_gimbal_that_is_turned_upright_by_hand_gets_torque(wires: Wires) -> No
     with bench(wires, ServoChain(steps=130)) as it:
         it.connect()
         it.until(lambda: it.code == Code.SERVO_FAR)
-        it.chain._angles[:] = 0.0
+        it.chain.angles[:] = 0.0
         it.until(lambda: not it.fault)
         assert all(servo.torque for servo in it.chain.servos)
 

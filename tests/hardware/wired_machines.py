@@ -98,11 +98,11 @@ class Bench:
         patch.setattr(can_wheels, "open_bus", lambda *_, **__: self.motors)
         for made in (can_wheels.CanWheels, wheel_bus.WheelBus):  # Their default is the real clock.
             patch.setattr(made.__init__, "__defaults__", (lambda: self.clock.now_s,))
-        patch.setattr(can_wheels.CanWheels, "cycle", can_wheels.CanWheels._cycle)
+        patch.setattr(can_wheels.CanWheels, "cycle", can_wheels.CanWheels.step)
         turn = partial(_CanTurn, self.idle)
         patch.setattr(can_wheels, "threading", SimpleNamespace(Event=threading.Event, Thread=turn))
 
-    def _open(self, name: str, _baud: int, _timeout_s: float) -> VirtualPort:
+    def _open(self, name: str, _baud: int, timeout_s: float) -> VirtualPort:
         answers: deque[bytes] = deque()
         answer = self.ports.get(name)
         if answer is None:
@@ -120,7 +120,7 @@ class Bench:
             check()
             return b"".join(answers.popleft() for _ in range(len(answers)))
 
-        return VirtualPort(self.clock, send, receive)
+        return VirtualPort(self.clock, timeout_s, send, receive)
 
     def plug_in(self, name: str, answer: Answer) -> None:
         """Connect a device under a name; a port that was opened before stays dead."""
@@ -185,8 +185,7 @@ class _CanTurn:
         self, idle: list[Callable[[], object]], target: Callable[[], None], **_: object
     ) -> None:
         self._idle, self._target = idle, target
-        wheels = target.__self__
-        self._cycle: Callable[[], object] = wheels._cycle
+        self._cycle: Callable[[], object] = target.__self__.step
 
     def start(self) -> None:
         self._idle.append(self._cycle)
@@ -402,11 +401,11 @@ class Person:
         for i, servo in enumerate(chain.servos):
             if servo.jammed:
                 servo.jammed = False
-                chain._angles[i] = 0.0
+                chain.angles[i] = 0.0
         gimbal = _gimbal(question)
         if "by hand in its" in question and gimbal is not None:
             chain.servos[gimbal].jammed = True
-            chain._angles[gimbal] = self.push_sign * PUSH_STEPS * 2.0 * math.pi / 4096.0
+            chain.angles[gimbal] = self.push_sign * PUSH_STEPS * 2.0 * math.pi / 4096.0
 
     def _look(self, question: str) -> str:
         if "Number of the wheel" in question:

@@ -210,7 +210,7 @@ class U2D2Machine(CanMachine):
 
     def set_model(self, servo: int, model: int) -> None:
         """Set the model number of a servo, from 1."""
-        self.chain.servos[servo - 1]._memory[0:2] = model.to_bytes(2, "little")
+        self.chain.servos[servo - 1].set_register(0, 2, model)
 
     def connect(self) -> Commissioned:
         wheels = CanWheelsIO(TSD, "virtual:", self.wheels)

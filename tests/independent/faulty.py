@@ -223,9 +223,7 @@ class _Faults:
         elif kind == "servo":
             plant.top_rate[k, module, axis] *= (1.0 - SLOW) ** by
         elif kind == "zero":
-            # The horn slips, so the encoder moves with the motor and the gimbal is offset.
-            for angles in (plant.zero, plant.angles, plant.goal, *plant._past):
-                angles[k, module, axis] += by * size * SLIP_RAD
+            plant.slip_horn(k, module, axis, by * size * SLIP_RAD)
         elif kind == "mount" and self._gimballed:
             c, s = math.cos(by * size * TWISTED_RAD), math.sin(by * size * TWISTED_RAD)
             tangent, outward = plant.tangent[k, module].copy(), plant.outward[k, module].copy()

@@ -20,6 +20,7 @@ import numpy as np
 
 from tests.independent.faulty import LOSS, SLIP_RAD, Fault, Recorded, record
 from tsd_twin import robots
+from tsd_twin.kinematics import JointKind
 from tsd_twin.shadow import ShadowTwin
 from tsd_twin.shadow.fault_filter import EVIDENCE, START_EVIDENCE
 
@@ -111,10 +112,12 @@ class _Bound:
         if not self.is_known:
             return
         self._t_s, self._wanted = -math.inf, EVIDENCE if fault.begin_s else START_EVIDENCE
-        speeds = twin._speed_test if fault.kind == "wheel" else None
-        self._filter = (speeds or twin._motion_test).filter
-        columns = [*twin._wheels, *twin._angles]
-        self._truth = np.zeros(len(self._filter._scale))
+        speeds, motion = twin.fault_filters
+        self._filter: Any = speeds if speeds and fault.kind == "wheel" else motion
+        joints = robots.load_robot(drive.robot).kinematics().joints
+        is_angle = [joint.kind is JointKind.POSITION for joint in joints]
+        columns = sorted(range(len(joints)), key=lambda i: is_angle[i])  # The wheels first.
+        self._truth = np.zeros(len(self._filter.scale))
         for part in drive.parts:
             loss = VISIBLE_LOSS if fault.robot == "tsd" and fault.kind != "radius" else LOSS
             size = SLIP_RAD if fault.kind == "zero" else loss

@@ -130,7 +130,7 @@ class SingularityPlant:
         for _ in range(round(dt_s / STEP_S)):
             while self._queue and self._queue[0][0] <= self._steps:
                 self._obey(self._queue.popleft()[1])
-            self._turn_gimbals()
+            self.turn_gimbals()
             self._move()
             self._steps += 1
             self._past.append(self.angles.copy())
@@ -147,6 +147,11 @@ class SingularityPlant:
             return joints
         return np.column_stack([joints, self.gyro.read(self.rate)])
 
+    def slip_horn(self, robot: int, module: int, axis: int, angle_rad: float) -> None:
+        """Turn a gimbal against its servo, whose encoder does not notice."""
+        for angles in (self.zero, self.angles, self.goal, *self._past):
+            angles[robot, module, axis] += angle_rad
+
     # Mechanics.
 
     def axles(self) -> np.ndarray:
@@ -158,7 +163,8 @@ class SingularityPlant:
         a, b = self.angles[..., 0], self.angles[..., 1]
         return np.stack([np.cos(a) * np.sin(b), np.sin(a), np.cos(a) * np.cos(b)], axis=-1)
 
-    def _turn_gimbals(self) -> None:
+    def turn_gimbals(self) -> None:
+        """Turn the gimbals for one step under the forces of the floor."""
         b = self.angles[..., 1]
         axle, radius = self.axles(), self.radius_m
         # Torques of the floor, and of turning the spinning wheel, about the axes of the gimbals.

@@ -131,7 +131,7 @@ def test_a_gimbal_yields_by_the_torque_over_its_stiffness() -> None:
     plant.force[0, 0] = [3.0, 0.0]
     for _ in range(400):
         plant.force[0, 0] = [3.0, 0.0]
-        plant._turn_gimbals()
+        plant.turn_gimbals()
     stiffness = (
         TSD.servo.stall_torque_nm
         * TSD.servo.approach_rate_per_s

@@ -25,6 +25,7 @@ from tsd_twin.adapters.ros_topics import CMD_VEL, namespaces
 from tsd_twin.client import AsyncRobotClient, AsyncRobotControl
 from tsd_twin.client.bus_port import BusLink
 from tsd_twin.client.monitor import RobotMonitor
+from tsd_twin.client.protocol import ControlProtocol
 from tsd_twin.dashboard.sessions.page_session import PageSocket
 from tsd_twin.dashboard.sessions.principal import Principal
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
@@ -92,8 +93,8 @@ class CommandSource(ABC):
 
     def seen_at(self, age_s: float) -> int:
         """Return the sequence number of the latest status at an earlier time."""
-        sent_s = self.robot.node._controller.supervisor.gate._sent_s
         then_s = self.robot.clock.now_s - age_s
+        sent_s = self.robot.status_sent_s
         return max((seq for seq, at_s in sent_s.items() if at_s <= then_s), default=0)
 
     @property
@@ -104,13 +105,22 @@ class CommandSource(ABC):
         return self.robot.clock.now_s + _PATIENCE_S
 
 
+class _Link(BusLink):
+    """Link that keeps the protocol of its latest operator."""
+
+    def protocol(self, operator: str, name: str = "") -> ControlProtocol:
+        self.newest = super().protocol(operator, name)
+        return self.newest
+
+
 class ScriptSource(CommandSource):
     """A program with the client library."""
 
     _control: AsyncRobotControl
 
     async def open(self) -> None:
-        self._client = AsyncRobotClient(BusLink(self.open_bus(), self.robot.id), "script")
+        self._link = _Link(self.open_bus(), self.robot.id)
+        self._client = AsyncRobotClient(self._link, "script")
         self._control = self._client.control(arm=False)
         await self._control.acquire()
 
@@ -126,7 +136,7 @@ class ScriptSource(CommandSource):
     def push(self, vx_mps: float, age_s: float = 0.0) -> None:
         try:
             if age_s:  # A script has no old input, but its command may be delayed.
-                command = self._control._protocol.command(
+                command = self._link.newest.command(
                     (vx_mps, 0.0, 0.0), BASE, self.robot.clock.now_s, self.seen_at(age_s)
                 )
                 self._client.link.send(command)
@@ -389,7 +399,7 @@ class ReplayedDrive(CommandSource):
                 file.add(entry)
 
         file.add(make.of_json(topics.alive_key(self.robot.id), {"alive": True}, wall_ns()))
-        description = json.loads(self.robot.node._description)
+        description = msgspec.to_builtins(self.robot.description)
         file.add(make.of_json(Service.DESC.key(self.robot.id), description, wall_ns()))
         network.takers.append(("twin/**", record))
         script = ScriptSource(self.robot)

@@ -16,6 +16,7 @@ from tests.support.virtual_robot import VirtualRobot
 from tests.support.virtual_time import VirtualClock
 from tsd_twin.errors import TwinError
 from tsd_twin.messages.codes import Code
+from tsd_twin.messages.events import Event
 from tsd_twin.security.certificates import CertificateAuthority, new_key, write_certificate
 from tsd_twin.security.operator_list import (
     ListedOperator,
@@ -59,6 +60,17 @@ def keys(tmp_path: Path) -> Path:
     return tmp_path
 
 
+class KeptAuthority(RobotAuthority):
+    """Authority that keeps the rules of its events."""
+
+    rules: frozenset[str] = frozenset()
+
+    def take_events(self) -> list[Event]:
+        events = super().take_events()
+        self.rules |= {event.rule for event in events}
+        return events
+
+
 async def _tried(made: CommandSource) -> None:
     try:
         await made.open()
@@ -76,14 +88,14 @@ def test_a_source_drives_with_a_listed_key_only(
     source: Source, signs: bool, keys: Path, native: Path, patch: pytest.MonkeyPatch
 ) -> None:
     clock = VirtualClock(patch)
-    authority = RobotAuthority(VirtualRobot.id, OperatorFile(keys / "operators.json"))
+    authority = KeptAuthority(VirtualRobot.id, OperatorFile(keys / "operators.json"))
     robot = VirtualRobot(clock, native, patch, authority=authority)
     robot.network.certificate = keys / "own.pem" if signs else None
     try:
         clock.wait(2.2)  # The board holds zero throttle.
         made = source.made(robot)
         clock.run(_tried(made))
-        seen = set(authority._reported_s)
+        seen = authority.rules
         if signs:
             assert robot.supervisor.gate.accepted > 0, (made.said, seen)
             assert seen == set()

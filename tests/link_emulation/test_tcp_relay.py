@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gc
 import socket
 import struct
 import threading
@@ -21,6 +22,7 @@ from tests.support.link_sockets import (
 )
 from tests.support.withheld import PATIENCE_S, Stopwatch
 from tsd_twin.link_emulation.emulator import Direction
+from tsd_twin.link_emulation.link import Stream
 
 RESET = struct.pack("ii", 1, 0)
 """Zero linger time, so that closing sends a reset."""
@@ -257,7 +259,14 @@ def test_each_connection_has_its_own_bytes() -> None:
             client.close()
 
 
+def streams() -> int:
+    """Return the number of existing streams."""
+    gc.collect()
+    return sum(isinstance(each, Stream) for each in gc.get_objects())
+
+
 def test_nothing_is_left_of_connections_that_are_over() -> None:
+    before = streams()
     with listening() as server, simulated("loss=5%", "tcp", server.getsockname()[1]) as link:
         address = ("127.0.0.1", port_of(link.endpoint))
         for reset in (False, True, False, True):
@@ -267,6 +276,7 @@ def test_nothing_is_left_of_connections_that_are_over() -> None:
                     target.settimeout(PATIENCE_S)
                     client.sendall(b"over")
                     assert read_all(target, 4) == b"over"
+                    assert streams() > before
                     if reset:
                         client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET)
         server.close()
@@ -275,7 +285,7 @@ def test_nothing_is_left_of_connections_that_are_over() -> None:
             socket.create_connection(address, PATIENCE_S) as refused,
         ):
             refused.recv(1)
-        eventually(lambda: not any(each.resenders for each in link._channels.values()))
+        eventually(lambda: streams() <= before)
 
 
 def test_closing_breaks_all_connections_and_frees_the_port() -> None:

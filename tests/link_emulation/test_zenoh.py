@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import pytest
 import zenoh
 
+from tests.support.robot_node import bus_and_session
 from tests.support.withheld import PATIENCE_S, WithheldTime
 from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.link_emulation import LinkEmulator, LinkSpec
@@ -85,11 +86,11 @@ def driving(protocol: str) -> Generator[Drive]:
         (endpoint,) = robot.endpoints()
         with (
             LinkEmulator(LinkSpec(), f"{protocol}/127.0.0.1:0", endpoint) as simulator,
-            Bus(client_config([simulator.endpoint])) as dashboard,
+            bus_and_session(client_config([simulator.endpoint])) as (dashboard, session),
         ):
             # Block where `Bus` drops on a busy machine, so that missing numbers were lost by the
             # link.
-            commands = dashboard._session.declare_publisher(
+            commands = session.declare_publisher(
                 "there", congestion_control=zenoh.CongestionControl.BLOCK, express=True
             )
             drive = Drive(simulator, commands)

@@ -87,10 +87,10 @@ def test_exploring_the_bus_with_queries_has_no_effect(
 ) -> None:
     pilot.get_ready()
     lease = f'{{"lease": "{pilot.lease}", "op": "release", "operator": "alice"}}'.encode()
-    with node.client() as eve:
+    with node.raw_client() as eve:
         for pattern in PATTERNS:
             for payload in (b"", lease):
-                replies = eve._session.get(pattern, payload=payload, timeout=PATIENCE_S)
+                replies = eve.get(pattern, payload=payload, timeout=PATIENCE_S)
                 answered = {str(reply.ok.key_expr) for reply in replies if reply.ok}
                 assert answered <= {"twin/tsd/desc"} | {k for k in answered if "/event/" in k}
     pilot.wait_for_news()
@@ -103,7 +103,6 @@ def test_a_put_on_a_pattern_that_has_the_stop_in_it_stops(
     """A put is not exploration: a stop to all robots is intended."""
     pilot.get_ready()
     with node.client() as eve:
-        matched(eve.publisher(topics.STOP.key("tsd"), QoS.REAL_TIME))
-        eve._session.put("twin/*/stop", b'{"reason": "fire"}')
+        matched(eve.publisher("twin/*/stop", QoS.REAL_TIME)).put(b'{"reason": "fire"}')
         pilot.wait_for("stopped")
     assert pilot.status.stop_reason == "fire"

@@ -15,12 +15,12 @@ import zenoh
 from rosbags.typesys import Stores, get_typestore
 
 from tests.support.bus_operator import BusOperator
-from tests.support.robot_node import URDF, Mailbox, RunningNode, matched, running
+from tests.support.robot_node import URDF, Mailbox, RunningNode, poll_until, running
 from tests.support.withheld import PATIENCE_S, WithheldTime
 from tsd_twin.messages import topics
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.status import Summary, decode_summary
-from tsd_twin.messages.topics import QoS, Service
+from tsd_twin.messages.topics import Service
 
 CDR = "application/cdr;{}"
 STREAMS = {
@@ -50,8 +50,8 @@ def alice(robot: RunningNode) -> Generator[BusOperator]:
 def test_every_stream_has_its_encoding_its_rate_and_a_rising_stamp(robot: RunningNode) -> None:
     heard: dict[str, list[zenoh.Sample]] = defaultdict(list)
     box = Mailbox()
-    with robot.client() as client, WithheldTime() as withheld:
-        client._session.declare_subscriber("twin/tsd/**", box)
+    with robot.raw_client() as client, WithheldTime() as withheld:
+        client.declare_subscriber("twin/tsd/**", box)
         while min((len(heard[key]) for key in STREAMS), default=0) < 10:
             sample = box.next()
             heard[str(sample.key_expr).removeprefix("twin/tsd/")].append(sample)
@@ -73,8 +73,8 @@ def test_a_summary_repeats_the_streams_twice_a_second(robot: RunningNode) -> Non
     statuses: dict[int, bytes] = {}
     summaries: list[tuple[int, Summary]] = []
     box = Mailbox()
-    with robot.client() as client, WithheldTime() as withheld:
-        client._session.declare_subscriber("twin/tsd/state/*", box)
+    with robot.raw_client() as client, WithheldTime() as withheld:
+        client.declare_subscriber("twin/tsd/state/*", box)
         while len(summaries) < 3:
             sample = box.next()
             number, robot_ns = struct.unpack("<Qq", sample.attachment.to_bytes())
@@ -99,11 +99,11 @@ def test_a_late_subscriber_gets_each_stream_within_two_periods(
     period_s = STREAMS[stream][1]
     took_s: list[float] = []
     heard: list[tuple[int, int]] = []
-    with robot.client() as client, WithheldTime() as in_all:
+    with robot.raw_client() as client, WithheldTime() as in_all:
         for _ in range(5):
             box, start_s = Mailbox(), time.monotonic()
             with WithheldTime() as withheld:
-                subscriber = client._session.declare_subscriber(f"twin/tsd/{stream}", box)
+                subscriber = client.declare_subscriber(f"twin/tsd/{stream}", box)
                 stamp = box.next().attachment.to_bytes()
             took_s.append(time.monotonic() - start_s - withheld.total_s)
             subscriber.undeclare()
@@ -198,12 +198,13 @@ def test_garbage_on_every_key_is_counted_or_ignored_and_ends_nothing(
     keys += [service.key("tsd") for service in Service if service is not Service.STOP]
     keys += ["twin/tsd/event/mode", "twin/tsd/alive", "twin/tsd/cmd/alice/twist/more", "twin/tsd"]
     before = drops(alice)
-    with robot.client() as client:
-        matched(client.publisher(topics.twist_key("tsd", "alice"), QoS.REAL_TIME))
+    with robot.raw_client() as client:
+        command = client.declare_publisher(topics.twist_key("tsd", "alice"))
+        poll_until(lambda: command.matching_status.matching)
         for key in keys:
             for payload in GARBAGE:
-                client._session.put(key, payload, attachment=payload[:32])
-            client._session.delete(key)
+                client.put(key, payload, attachment=payload[:32])
+            client.delete(key)
         # Three deletions and two patterns; samples on valid keys have an invalid shape.
         expected = before | {
             "key": before["key"] + 3 + 2 * len(GARBAGE),

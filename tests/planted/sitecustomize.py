@@ -18,16 +18,16 @@ _TWICE_EVERY = 20
 
 def _loop_sleeps(module: Any) -> None:
     """Let the control loop sleep 120 ms in each interval."""
-    tick = module.RobotNode._tick
+    step = module.RobotNode.step
     due_s: dict[int, float] = {}
 
     def sleepy(node: Any, now_s: float, *args: Any) -> None:
         if now_s >= due_s.setdefault(id(node), now_s + _EVERY_S):
             due_s[id(node)] = now_s + _EVERY_S
             time.sleep(0.12)
-        tick(node, now_s, *args)
+        step(node, now_s, *args)
 
-    module.RobotNode._tick = sleepy
+    module.RobotNode.step = sleepy
 
 
 def _dashboard_blocks(module: Any) -> None:
@@ -47,16 +47,23 @@ def _dashboard_blocks(module: Any) -> None:
     module.run = blocked
 
 
+def _declared(bus: Any, name: str, part: str) -> set[int]:
+    """Return the ids of all publishers or queryables declared from now on, by part of their key."""
+    declare, found = getattr(bus, name), set[int]()
+
+    def record(it: Any, key: str, *args: Any, **kwargs: Any) -> Any:
+        made = declare(it, key, *args, **kwargs)
+        if part in key:
+            found.add(id(made))
+        return made
+
+    setattr(bus, name, record)
+    return found
+
+
 def _first_command_lost(module: Any) -> None:
     """The first command that a program publishes does not arrive."""
-    publisher, put = module.Bus.publisher, module.Publisher.put
-    commands: set[int] = set()
-
-    def declare(bus: Any, key: str, *args: Any, **kwargs: Any) -> Any:
-        it = publisher(bus, key, *args, **kwargs)
-        if "/cmd/" in key and key.endswith("/twist"):
-            commands.add(id(it))
-        return it
+    commands, put = _declared(module.Bus, "publisher", "/cmd/"), module.Publisher.put
 
     def lose(it: Any, *args: Any, **kwargs: Any) -> None:
         if id(it) in commands:
@@ -64,29 +71,30 @@ def _first_command_lost(module: Any) -> None:
             return
         put(it, *args, **kwargs)
 
-    module.Bus.publisher, module.Publisher.put = declare, lose
+    module.Publisher.put = lose
 
 
 def _state_twice(module: Any) -> None:
     """One state in twenty is published twice."""
-    put = module.RobotNode._put
+    states, put = _declared(module.Bus, "publisher", "/state/"), module.Publisher.put
 
-    def twice(node: Any, topic: Any, *args: Any) -> None:
-        put(node, topic, *args)
-        if node._numbers[topic] % _TWICE_EVERY == 0:
-            put(node, topic, *args)
+    def twice(it: Any, payload: bytes, attachment: bytes = b"") -> None:
+        put(it, payload, attachment)
+        # A stamp begins with the number of the state.
+        if id(it) in states and int.from_bytes(attachment[:8], "little") % _TWICE_EVERY == 0:
+            put(it, payload, attachment)
 
-    module.RobotNode._put = twice
+    module.Publisher.put = twice
 
 
 def _lease_late(module: Any) -> None:
     """Requests for the lease are served one period later."""
-    take = module.Queryable.take_requests
+    leases, take = _declared(module.Bus, "queryable", "/srv/lease"), module.Queryable.take_requests
     waiting: dict[int, Any] = {}
 
     def late(it: Any) -> Any:
         taken = take(it)
-        if not it._key.endswith("/srv/lease"):
+        if id(it) not in leases:
             return taken
         before, waiting[id(it)] = waiting.get(id(it), []), taken
         return before
@@ -98,7 +106,7 @@ _PLANTS: dict[str, tuple[str, Callable[[ModuleType], None]]] = {
     "loop-sleeps": ("tsd_twin.node.robot_node", _loop_sleeps),
     "dashboard-blocks": ("tsd_twin.dashboard.app", _dashboard_blocks),
     "first-command-lost": ("tsd_twin.bus.session", _first_command_lost),
-    "state-twice": ("tsd_twin.node.robot_node", _state_twice),
+    "state-twice": ("tsd_twin.bus.session", _state_twice),
     "lease-late": ("tsd_twin.bus.session", _lease_late),
 }
 

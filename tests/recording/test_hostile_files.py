@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 from collections.abc import Callable, Generator, Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 import tsd_twin
 from tests.support.hostile_recordings import Parts, bombs, damaged
+from tests.support.programs import recording_readers
 from tests.support.recorded_drives import recorded_circle
 from tsd_twin.errors import RecordingError
 from tsd_twin.messages.topics import Service
@@ -176,21 +177,28 @@ def test_a_recorder_writes_nothing_that_its_readers_refuse(tmp_path: Path) -> No
     assert max(len(message.value) for message in recording.messages("event/x")) == 6 << 20
 
 
-def readers(processes: ReaderProcesses) -> set[int]:
-    assert processes._process is not None
-    pid = processes._process.pid
-    return {int(each) for each in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()}
+class KeptConnections(ReaderProcesses):
+    """Processes whose latest connection is kept, to change its timeout."""
+
+    newest: socket.socket
+
+    def connect(self) -> socket.socket:
+        self.newest = super().connect()
+        return self.newest
 
 
 def test_a_reader_without_answer_is_given_up_and_the_others_go_on(
-    honest: Path, processes: ReaderProcesses
+    honest: Path,
 ) -> None:
-    with closing(RemoteReader(honest, processes)) as reader:
-        others = readers(processes)
-        slow: Any = RemoteReader(honest, processes)
-        (pid,) = readers(processes) - others
+    with (
+        closing(KeptConnections()) as processes,
+        closing(RemoteReader(honest, processes)) as reader,
+    ):
+        others = recording_readers()
+        slow = RemoteReader(honest, processes)
+        (pid,) = recording_readers() - others
         os.kill(pid, signal.SIGSTOP)
-        slow._connection._connection.settimeout(0.1)
+        processes.newest.settimeout(0.1)
         for ask in (slow.events, slow.contents):
             with pytest.raises(RecordingError, match="too much time or memory"):
                 ask()

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.programs import recording_readers
 from tests.support.recorded_drives import recorded_circle
 from tsd_twin.recording.reader_process import CPU_S, MEMORY_BYTES, NICE
 from tsd_twin.recording.remote import ReaderProcesses, RemoteReader
@@ -17,11 +18,10 @@ pytestmark = pytest.mark.system
 
 def test_a_reader_is_the_first_to_wait_and_the_first_to_end(tmp_path: Path) -> None:
     path = recorded_circle(tmp_path / "drive.mcap", 1)
+    others = recording_readers()
     with closing(ReaderProcesses()) as processes, closing(RemoteReader(path, processes)) as reader:
         assert reader.contents().robots
-        assert processes._process is not None
-        pid = processes._process.pid
-        (child,) = map(int, Path(f"/proc/{pid}/task/{pid}/children").read_text().split())
+        (child,) = recording_readers() - others
         assert int(Path(f"/proc/{child}/oom_score_adj").read_text()) == 1000
         assert os.getpriority(os.PRIO_PROCESS, child) == os.getpriority(os.PRIO_PROCESS, 0) + NICE
         limits = {

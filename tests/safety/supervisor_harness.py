@@ -36,6 +36,7 @@ class SupervisorHarness:
         }
         self.lease = ""
         self.status_seq = 0
+        self.status_sent_s: dict[int, float] = {}
         self._seq = itertools.count(1)
         self._ticks = itertools.count()
         self.step()
@@ -47,6 +48,7 @@ class SupervisorHarness:
     def step(self) -> None:
         if next(self._ticks) % 5 == 0:
             self.status_seq += 1
+            self.status_sent_s[self.status_seq] = self.now_s
             self.supervisor.gate.record_status(self.status_seq, self.now_s)
         self.supervisor.step(self.now_s, **self.inputs)
 

@@ -41,8 +41,7 @@ class Timed:
         stage.status_seq = number
         stage.send(vx_mps)
         stage.status_seq = newest
-        sent_s = stage.supervisor.gate._sent_s[number]
-        self.newest = Sent(stage.now_s, sent_s)
+        self.newest = Sent(stage.now_s, stage.status_sent_s[number])
 
 
 timings = st.lists(

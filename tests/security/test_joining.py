@@ -79,10 +79,10 @@ class Desk:
         self.issued: list[str] = []
         self.code = EnrolmentCode.new(self.authority.certificate)
         self.key = self.code.key(self.authority.certificate)
-        self.enrolments = Enrolments(self._issue)
+        self.enrolments = Enrolments(self.issue)
         self.enrolments.offer("lab1", self.key, boot_time_s())
 
-    def _issue(self, robot: str, key: PublicKey) -> Joined:
+    def issue(self, robot: str, key: PublicKey) -> Joined:
         self.issued.append(robot)
         return enrol_robot(self.folder, self.authority, robot, key, NOW, 30)
 
@@ -162,7 +162,7 @@ def test_a_second_computer_gets_nothing(desk: Desk, tmp_path: Path) -> None:
 
 
 def test_an_expired_code_gives_nothing(desk: Desk, tmp_path: Path) -> None:
-    late = Enrolments(desk._issue)
+    late = Enrolments(desk.issue)
     late.offer("lab1", desk.key, boot_time_s() - 600.0)
     with desk.serving(late) as url, pytest.raises(EnrolmentError, match="expired"):
         join(url, desk.code, tmp_path / "robot")

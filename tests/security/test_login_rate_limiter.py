@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -70,10 +72,13 @@ def test_a_flood_of_made_up_keys_neither_grows_nor_frees_the_one_that_waits() ->
     throttle = made()
     for _ in range(9):
         throttle.count_attempt("alice", 0.0)
-    for number in range(3 * KEYS):
+    for number in range(KEYS, KEYS + KEYS - 1):
+        throttle.count_attempt(f"x{number}", 1.0)
+    full = len(pickle.dumps(throttle))
+    for number in range(2 * KEYS, 4 * KEYS):
         throttle.count_attempt(f"x{number}", 1.0)
     assert throttle.wait_s("alice", 1.0) > 0.0
-    assert len(throttle._records) <= KEYS
+    assert len(pickle.dumps(throttle)) <= full, "no more than `KEYS` are kept"
 
 
 def test_many_made_up_keys_do_not_give_new_tries_to_one_that_has_nearly_none_left() -> None:

@@ -77,7 +77,7 @@ def test_at_rest_it_stays_where_it_was_put() -> None:
     assert -0.05 < heading - pose.xy_heading[2] < 0.0
     robot.advance(1.0)
     np.testing.assert_allclose(robot.pose.xy_heading[2], heading, rtol=0, atol=0.01)
-    np.testing.assert_allclose(robot._loads().sum(), ROBOT.mass.total_kg * 9.81, rtol=1e-3)
+    np.testing.assert_allclose(robot.loads().sum(), ROBOT.mass.total_kg * 9.81, rtol=1e-3)
 
 
 def on_a_floor(friction: float) -> SingularityDescription:

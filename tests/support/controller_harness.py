@@ -104,7 +104,7 @@ class ControllerHarness:
         self.now_s += dt_s
         inbox, self.inbox = self.inbox, []
         self.setpoint = self.controller.step(
-            self.now_s, self._measure(), inbox, battery_v=self.battery_v, servo_c=self.servo_c
+            self.now_s, self.measure(), inbox, battery_v=self.battery_v, servo_c=self.servo_c
         )
         if self.simulated is not None:
             self.simulated.write(self.setpoint, self.now_s)
@@ -114,7 +114,8 @@ class ControllerHarness:
             self.status_sent_s[self.status_seq] = self.now_s
             self.controller.record_status_sent(self.status_seq, self.now_s)
 
-    def _measure(self) -> Array | None:
+    def measure(self) -> Array | None:
+        """Return the measurement of this period, or None if the robot measures nothing."""
         if not self.measures:
             return None
         if self.simulated is not None:

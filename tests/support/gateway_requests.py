@@ -18,8 +18,10 @@ from urllib.parse import urlencode, urlsplit
 from tests.support.link_sockets import free_port
 from tests.support.markdown_pages import code, page
 from tests.support.withheld import PATIENCE_S, Stopwatch
+from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.security import Role
-from tsd_twin.security.users import Users
+from tsd_twin.security.rate_limits import AttemptLimits, LoginRateLimiter
+from tsd_twin.security.users import Logins, Users
 
 FORM = "application/x-www-form-urlencoded"
 
@@ -135,6 +137,13 @@ def users() -> Users:
     made.put("guest", Role.VIEWER, PHRASE, may_stop=False)
     made.put("eve", Role.VIEWER, PHRASE, may_stop=True)
     return made
+
+
+def limiting(free: int, first_s: float) -> AuthMiddleware:
+    """Return an access check with another limit on failed logins per address."""
+    addresses = LoginRateLimiter(free=free, first_s=first_s, longest_s=900.0)
+    logins = Logins(attempts=AttemptLimits(addresses))
+    return AuthMiddleware(AccessSettings(users=users()), logins)
 
 
 def ask(

@@ -80,7 +80,7 @@ class Stage:
     def stop(self) -> None:
         """Send no more commands until standstill, and record the farthest position."""
         while np.abs(self.robot.controller.twist).max() > 0.0:
-            self.robot._step(None)
+            self.robot.coast()
             x_m, y_m, _ = np.abs(self.robot.truth.xy_heading)
             self.farthest_m = max(self.farthest_m, float(x_m), float(y_m))
 

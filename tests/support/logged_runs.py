@@ -77,6 +77,8 @@ class LoggedHarness(ControllerHarness):
         )
         self.setpoint = self.controller.setpoint
         self.logged: LoggedController = self.controller
+        self._untaken = 0
+        """Number of periods since the last batch."""
 
     def tick(self, dt_s: float = 0.01) -> None:
         """Run one period; some are late."""
@@ -84,17 +86,16 @@ class LoggedHarness(ControllerHarness):
         super().tick(dt_s + self.random.uniform(-2e-4, 2e-4) if dt_s else 0.0)
         if not hasattr(self, "logged"):
             return
+        self._untaken += 1
         if self.status_seq and self.status_sent_s[self.status_seq] == self.now_s:
             self.controller.status(self.now_s, LoopStatus(), {})
         if self.mode is not before:
             self.mark(str(self.mode))
-        if len(self.run.steps) + 20 <= self.steps_done():
+        if self._untaken >= 20:
             self.take()
 
-    def steps_done(self) -> int:
-        return len(self.run.steps) + sum(isinstance(call, StepCall) for call in self.logged._calls)
-
     def take(self) -> None:
+        self._untaken = 0
         batch = self.logged.take_log(snapshot=True)
         self.run.batches.append(decode_batch(encode_batch(batch)))  # As received from the bus.
 

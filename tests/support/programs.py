@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import os
 import signal
 import subprocess
 import sys
@@ -120,6 +121,16 @@ def starting() -> Generator[Callable[..., Program]]:
     finally:
         for program in reversed(started):
             program.clean_up()
+
+
+def recording_readers() -> set[int]:
+    """Return the pids of the processes that read recordings for this one."""
+    starters = [
+        pid
+        for pid in children_of(os.getpid())
+        if b"tsd_twin.recording.reader_process" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    ]
+    return {reader for pid in starters for reader in children_of(pid)}
 
 
 def children_of(pid: int) -> list[int]:

@@ -220,7 +220,8 @@ class ServoChain:
         self.refused = 0
         """Number of goals rejected by a tripped watchdog."""
         self._decoders = (Decoder(protocol2), Decoder(protocol1))
-        self._angles = np.full(6, steps * _LAWS.step_rad)
+        self.angles = np.full(6, steps * _LAWS.step_rad)
+        """(6,): angles of the horns from 2048, rad."""
         self._heard_s = self._moved_s = 0.0
 
     def register(self, servo: int, address: int) -> int:
@@ -279,11 +280,11 @@ class ServoChain:
                 servo.write(servo_line.BUS_WATCHDOG, bytes([TRIPPED]))
         goals = (np.array(self.goals()) - 2048) * _LAWS.step_rad
         elapsed_s = max(0.0, until_s - self._moved_s) if units != TRIPPED else 0.0
-        moved = _LAWS.after(self._angles, goals, np.float64(min(elapsed_s, 1.0)))
+        moved = _LAWS.after(self.angles, goals, np.float64(min(elapsed_s, 1.0)))
         still = [servo.jammed or not servo.torque for servo in self.servos]
-        self._angles = np.where(still, self._angles, moved)
+        self.angles = np.where(still, self.angles, moved)
         self._moved_s = now_s
-        for servo, angle in zip(self.servos, self._angles, strict=True):
+        for servo, angle in zip(self.servos, self.angles, strict=True):
             servo.position = 2048 + round(angle / _LAWS.step_rad)
 
 

@@ -7,13 +7,17 @@ import functools
 import queue
 import tempfile
 import threading
-from collections.abc import Generator
+import time
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 from typing import Any, cast
 
+import pytest
+import zenoh
+
 from tests.support.withheld import IN_PROCESS, PATIENCE_S, budget, this_thread_is_a_robot
 from tsd_twin import robots
-from tsd_twin.bus import Bus, Publisher, client_config, node_config
+from tsd_twin.bus import Bus, Config, Publisher, as_client, client_config, node_config
 from tsd_twin.hardware.robot_io import RobotIO
 from tsd_twin.messages.services import Description
 from tsd_twin.node import RobotNode
@@ -65,6 +69,10 @@ class RunningNode:
         bus = Bus(client_config([self.endpoint]))
         assert bus.wait_for_peer(PATIENCE_S)
         return bus
+
+    def raw_client(self) -> zenoh.Session:
+        """Return a session of a third-party program, connected to the node."""
+        return raw_session(client_config([self.endpoint]))
 
 
 def behind(endpoint: str, robot_id: str = "tsd", robot_name: str = "tsd") -> RunningNode:
@@ -129,14 +137,40 @@ class Mailbox:
 
 def matched(publisher: Publisher) -> Publisher:
     """Wait until the publisher has a matching subscriber."""
-    inner = getattr(publisher, "_publisher", None)
-    if inner is None:  # An in-memory bus matches at once.
-        return publisher
-    heard = threading.Event()
-    listener = inner.declare_matching_listener(
-        lambda status: heard.set() if status.matching else None
-    )
-    if not inner.matching_status.matching:
-        assert heard.wait(PATIENCE_S)
-    listener.undeclare()
+    poll_until(lambda: publisher.has_subscribers)
     return publisher
+
+
+def poll_until(condition: Callable[[], bool]) -> None:
+    """Wait for a condition of a session."""
+    end_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.002)
+
+
+def raw_session(config: Config) -> zenoh.Session:
+    """Open a session of a third-party program."""
+    return zenoh.open(config.parsed())
+
+
+def raw_client(endpoints: list[str]) -> zenoh.Session:
+    """Open a session of a third-party program; unlike a peer, it hears the robot's peers."""
+    return raw_session(as_client(client_config(endpoints), PATIENCE_S))
+
+
+@contextlib.contextmanager
+def bus_and_session(config: Config) -> Generator[tuple[Bus, zenoh.Session]]:
+    """Open a bus; also return its session, for declarations that only Zenoh offers."""
+    opened: list[zenoh.Session] = []
+    real = zenoh.open
+
+    def record(settings: zenoh.Config) -> zenoh.Session:
+        opened.append(real(settings))
+        return opened[-1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(zenoh, "open", record)
+        bus = Bus(config)
+    with bus:
+        yield bus, opened[0]

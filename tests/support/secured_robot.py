@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 import zenoh
 
-from tests.support.robot_node import QUICK, URDF
+from tests.support.robot_node import QUICK, URDF, matched, raw_session
 from tests.support.withheld import PATIENCE_S
 from tsd_twin import robots, security
 from tsd_twin.bus import (
@@ -27,7 +27,6 @@ from tsd_twin.bus import (
     node_config,
     router_file,
 )
-from tsd_twin.bus.handles import sample_of
 from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.client.protocol import ControlProtocol
 from tsd_twin.messages import topics
@@ -40,7 +39,7 @@ from tsd_twin.messages.services import (
     decode_json,
 )
 from tsd_twin.messages.status import RobotStatus, decode_status
-from tsd_twin.messages.topics import Sample, Service
+from tsd_twin.messages.topics import QoS, Sample, Service
 from tsd_twin.node import RobotNode
 from tsd_twin.security import Role
 from tsd_twin.security.key_folder import KeyFolder, provision
@@ -150,6 +149,10 @@ class SecuredRobot:
             assert alive.wait(PATIENCE_S)
             yield bus
 
+    def raw_join(self, name: str) -> zenoh.Session:
+        """Open a Zenoh session with a client's certificate."""
+        return raw_session(self.config(name, mode="client" if self.told else "peer"))
+
     def force(self, bus: Bus, key: str, payload: bytes) -> None:
         """Put a forbidden message; the session sends it because of a known subscriber."""
         put(bus, key, payload, surely=self.told)
@@ -163,17 +166,11 @@ class SecuredRobot:
 
 def put(bus: Bus, key: str, payload: bytes, surely: bool = True) -> None:
     """Put a message once the session has found a subscriber."""
-    publisher = bus._session.declare_publisher(key)
+    publisher = bus.publisher(key, QoS.DATA)
     if surely:
-        matching = threading.Event()
-        listener = publisher.declare_matching_listener(
-            lambda status: matching.set() if status.matching else None
-        )
-        if not publisher.matching_status.matching:
-            assert matching.wait(PATIENCE_S), f"no subscriber of {key}"
-        listener.undeclare()
+        matched(publisher)
     publisher.put(payload)
-    publisher.undeclare()
+    publisher.close()
 
 
 def ask(link: RobotMonitor, service: Service, message: msgspec.Struct) -> Reply:
@@ -213,9 +210,7 @@ def listening(bus: Bus, *keys: str) -> Generator[Listener]:
     ear = Listener()
     with contextlib.ExitStack() as stack:
         for key in keys:
-            stack.enter_context(
-                bus._session.declare_subscriber(key, lambda sample: ear(sample_of(sample)))
-            )
+            stack.callback(bus.subscribe(key, ear))
         yield ear
 
 
@@ -324,6 +319,10 @@ class RouterStage:
                 bus.subscribe_liveliness(topics.alive_key(seen), lambda _key, _on: alive.set())
                 assert alive.wait(PATIENCE_S)
             yield bus
+
+    def raw_join(self, name: str) -> zenoh.Session:
+        """Open a Zenoh session with the certificate of a robot or client."""
+        return raw_session(self.config(name))
 
     def close(self) -> None:
         for robot in self.robots.values():

@@ -21,6 +21,7 @@ from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.dashboard.sessions.page_session import PageSocket
 from tsd_twin.dashboard.sessions.principal import Principal
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
+from tsd_twin.lie import SE2
 from tsd_twin.messages import topics
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.services import Description, decode_json
@@ -53,16 +54,20 @@ class FleetRobotNode:
             Description(toml, ""),
         )
         self._servers = network.servers[before:]
-        self._rate, self._ticks = RateKeeper(_PERIOD_S), itertools.count()
+        self._rate = RateKeeper(_PERIOD_S)
         self.runs = True
 
     @property
     def supervisor(self) -> SafetySupervisor:
-        return self._node._controller.supervisor
+        return self._node.supervisor
+
+    def set_pose(self, pose: SE2) -> None:
+        """Set the estimate without a request, which would need control and change the status."""
+        self._node._controller._estimator.set_pose(pose)  # noqa: SLF001  Nothing else does that.
 
     def tick(self, now_s: float) -> None:
         if self.runs:
-            self._node._tick(now_s, next(self._ticks), self._rate)
+            self._node.step(now_s, self._rate)
 
     def kill(self) -> None:
         """End the node without notice, like SIGKILL."""

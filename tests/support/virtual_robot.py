@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import time
 from collections.abc import Callable
@@ -20,13 +19,17 @@ from tests.support.virtual_time import VirtualClock
 from tsd_twin import robots
 from tsd_twin.hardware import arduino_mega, u2d2
 from tsd_twin.hardware import serial_transport as serial
-from tsd_twin.hardware.arduino_mega import ArduinoMegaIO, ControllerBoard
+from tsd_twin.hardware.arduino_mega import BAUD, ArduinoMegaIO, ControllerBoard
+from tsd_twin.hardware.controller_board import read_block
 from tsd_twin.hardware.dynamixel.control_table import Refusal, Setup, Telemetry
 from tsd_twin.hardware.joints import JointCommand, Receiver, ServoCalibration
 from tsd_twin.hardware.u2d2 import U2D2IO
 from tsd_twin.lie import Array
+from tsd_twin.messages import topics
 from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.services import Description
+from tsd_twin.messages.status import decode_stamp
+from tsd_twin.messages.topics import Sample
 from tsd_twin.models import robot_urdf
 from tsd_twin.node import RobotNode
 from tsd_twin.node.authority import Authority
@@ -45,9 +48,14 @@ class VirtualPort:
     """Serial port with a function as its peer; time passes in `read`."""
 
     def __init__(
-        self, clock: VirtualClock, send: Callable[[bytes], None], receive: Callable[[], bytes]
+        self,
+        clock: VirtualClock,
+        timeout_s: float,
+        send: Callable[[bytes], None],
+        receive: Callable[[], bytes],
     ) -> None:
-        self._clock, self._send, self._receive = clock, send, receive
+        self._clock, self._timeout_s = clock, timeout_s
+        self._send, self._receive = send, receive
         self._waiting = b""
 
     @property
@@ -56,7 +64,7 @@ class VirtualPort:
         return len(self._waiting)
 
     def read(self, size: int) -> bytes:
-        end_s = self._clock.now_s + serial._READ_S
+        end_s = self._clock.now_s + self._timeout_s
         while not self.in_waiting and self._clock.now_s < end_s:
             self._clock.advance(_BYTE_WAIT_S)
         data, self._waiting = self._waiting[:size], self._waiting[size:]
@@ -120,21 +128,23 @@ class VirtualRobot:
         )
         self._chain_answer = b""
         self._start_s = clock.now_s
-        self._ticks = itertools.count()
         self._ticking = False
         self._next_s = math.inf
         self.widest_us = 0.0
         """Widest pulse since `watch`."""
+        self.status_sent_s: dict[int, float] = {}
+        """Times at which statuses were sent, by number."""
+        self.network.takers.append((topics.STATUS.key(self.id), self._note_status))
         clock.machines.append(self._move)
         clock.wait = self.wait
         patch.setattr(serial, "open_port", self._open_port)
-        patch.setattr(arduino_mega, "DeviceThread", TurnTaking)
+        patch.setattr(arduino_mega, "DeviceThread", self._take_turns)
         patch.setattr(u2d2, "DeviceThread", TurnTaking)
         self._see_stop_circuit()
         self.io = self._hardware()
-        description = Description(QUICK, robot_urdf(self.robot))
+        self.description = Description(QUICK, robot_urdf(self.robot))
         self.node = RobotNode(
-            self.bus, self.id, self.robot, self.io, description, authority=authority
+            self.bus, self.id, self.robot, self.io, self.description, authority=authority
         )
         self._rate = RateKeeper(PERIOD_S)
         self._next_s = clock.now_s
@@ -158,11 +168,15 @@ class VirtualRobot:
         wheels = ArduinoMegaIO(self.robot, "board", motors, calibration, servos=False)
         return U2D2IO(self.robot, wheels, "servos", motors, calibration)
 
-    def _open_port(self, name: str, _baud: int, _timeout_s: float) -> VirtualPort:
+    def _take_turns(self, port: str, device: ControllerBoard) -> TurnTaking:
+        self._board = device
+        return TurnTaking(port, device)
+
+    def _open_port(self, name: str, _baud: int, timeout_s: float) -> VirtualPort:
         if name == "board":
             board = self.firmware.board
-            return VirtualPort(self.clock, board.send, board.receive)
-        return VirtualPort(self.clock, self._ask_chain, self._hear_chain)
+            return VirtualPort(self.clock, timeout_s, board.send, board.receive)
+        return VirtualPort(self.clock, timeout_s, self._ask_chain, self._hear_chain)
 
     def _ask_chain(self, data: bytes) -> None:
         assert self.chain is not None
@@ -171,6 +185,10 @@ class VirtualRobot:
     def _hear_chain(self) -> bytes:
         answer, self._chain_answer = self._chain_answer, b""
         return answer
+
+    def _note_status(self, sample: Sample) -> None:
+        number, robot_ns = decode_stamp(sample.attachment)
+        self.status_sent_s[number] = robot_ns / 1e9
 
     # Time.
 
@@ -192,7 +210,7 @@ class VirtualRobot:
         self._ticking = True
         self._next_s = max(self._next_s + PERIOD_S, self.clock.now_s)
         try:
-            self.node._tick(self.clock.now_s, next(self._ticks), self._rate)
+            self.node.step(self.clock.now_s, self._rate)
         finally:
             self._ticking = False
 
@@ -201,7 +219,7 @@ class VirtualRobot:
     @property
     def supervisor(self) -> SafetySupervisor:
         """Safety state machine of the node."""
-        return self.node._controller.supervisor
+        return self.node.supervisor
 
     @property
     def telemetry(self) -> Telemetry:
@@ -213,18 +231,12 @@ class VirtualRobot:
     @property
     def setup(self) -> Setup:
         """Setup written by the bridge to the board."""
-        return self._board._setup
-
-    @property
-    def _board(self) -> ControllerBoard:
-        wheels = self.io._wheels if isinstance(self.io, U2D2IO) else self.io
-        return wheels._board
+        return read_block(serial.SerialTransport("board", BAUD), Setup)
 
     def refusal_past_the_node(self) -> Refusal:
         """Arm the board without checks; return its refusal."""
         board, at_rest = self._board, np.zeros(9)
-        wheels = self.io._wheels if isinstance(self.io, U2D2IO) else self.io
-        transport = wheels._thread.loop._transport
+        transport = serial.SerialTransport("board", BAUD)
         for i in range(6):
             heartbeat = Heartbeat(i > 2, i)
             board.command = JointCommand(at_rest, heartbeat, self.clock.now_s)

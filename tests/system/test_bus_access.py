@@ -11,6 +11,7 @@ from collections.abc import Generator
 import msgspec
 import pytest
 
+from tests.support.robot_node import poll_until
 from tests.support.secured_robot import (
     DESCRIPTION,
     ID,
@@ -240,11 +241,13 @@ def test_what_an_operator_sends_on_a_pattern_of_the_own_keys_is_dropped_and_coun
     assert after.accepted == before.accepted
 
 
-def test_a_deletion_does_not_reach_the_robot(robot: SecuredRobot, bob: Bus) -> None:
-    with listening(robot.bus, COMMANDS) as ear:
-        put(bob, BOBS, RUBBISH)
-        bob._session.delete(BOBS)
-        put(bob, BOBS, RUBBISH)
+def test_a_deletion_does_not_reach_the_robot(robot: SecuredRobot) -> None:
+    with listening(robot.bus, COMMANDS) as ear, robot.raw_join("bob") as bob:
+        sender = bob.declare_publisher(BOBS)
+        poll_until(lambda: sender.matching_status.matching)
+        sender.put(RUBBISH)
+        sender.delete()
+        sender.put(RUBBISH)
         ear.until(lambda _: len(ear.heard) == 2)
     assert all(sample.is_put for sample in ear.heard)
 
@@ -286,20 +289,16 @@ def test_nobody_hears_a_state_that_a_viewer_forges(
 
 
 def test_nobody_can_pose_as_a_robot(robot: SecuredRobot, bob: Bus, guest: Bus) -> None:
-    asked: list[object] = []
     before = robot.status().command.dropped.shape
-    with (
-        bob._session.liveliness().declare_token(topics.alive_key("false")),
-        bob._session.declare_queryable(Service.DESC.key("false"), asked.append),
-        bob._session.declare_queryable(Service.DESC.key(ID), asked.append),
-    ):
-        put(bob, BOBS, RUBBISH)
-        robot.status(lambda status: status.command.dropped.shape > before)
-        assert set(guest.living_tokens(topics.alive_key("*"))) == {topics.alive_key(ID)}
-        assert DESCRIPTION.urdf.encode() in guest.query(Service.DESC.key(ID), b"")
-        with pytest.raises(NoAnswerError):
-            guest.query(Service.DESC.key("false"), b"")
-    assert asked == []
+    bob.declare_token(topics.alive_key("false"))
+    posing = [bob.queryable(Service.DESC.key(name), patterns=True) for name in ("false", ID)]
+    put(bob, BOBS, RUBBISH)
+    robot.status(lambda status: status.command.dropped.shape > before)
+    assert set(guest.living_tokens(topics.alive_key("*"))) == {topics.alive_key(ID)}
+    assert DESCRIPTION.urdf.encode() in guest.query(Service.DESC.key(ID), b"")
+    with pytest.raises(NoAnswerError):
+        guest.query(Service.DESC.key("false"), b"")
+    assert [each.take_requests() for each in posing] == [[], []]
 
 
 @pytest.mark.parametrize("key", [COMMANDS, f"twin/{ID}/**", "**"])
@@ -315,9 +314,9 @@ def test_nobody_overhears_the_commands_of_another(
 
 
 def test_nobody_reads_the_books_of_the_robots_own_session(robot: SecuredRobot, alice: Bus) -> None:
-    books = f"@/{robot.bus._session.zid()}/router"
-    assert list(robot.bus._session.get(books, timeout=2.0)) != []
-    assert list(alice._session.get(books, timeout=2.0)) == []
+    books = f"@/{robot.bus.id}/router"
+    assert robot.bus.query_all(books, b"", 2.0) != []
+    assert alice.query_all(books, b"", 2.0) == []
 
 
 def test_a_recorder_reads_all_that_is_sent_and_others_no_lease_ids(

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.link_sockets import Relay
+from tests.support.robot_node import raw_session
 from tests.support.secured_robot import (
     DESCRIPTION,
     ID,
@@ -74,8 +75,8 @@ def is_let_in(endpoint: str, config: Config) -> bool:
     news = queue.SimpleQueue[str]()
     with (
         Relay(endpoint, lambda: news.put("given up")) as relay,
-        Bus(at(relay.endpoint, config)) as bus,
-        bus._session.info.declare_transport_events_listener(
+        raw_session(at(relay.endpoint, config)) as session,
+        session.info.declare_transport_events_listener(
             lambda _event: news.put("linked"), history=True
         ),
     ):
@@ -150,7 +151,7 @@ def test_an_operator_cannot_pose_as_the_robot(robot: SecuredRobot, foreign: KeyF
 def test_nobody_takes_over_the_session_of_another(robot: SecuredRobot) -> None:
     """A session id proves nothing, so a second session with the same id is refused."""
     with robot.join("alice") as alice:
-        stolen = str(alice._session.zid())
+        stolen = alice.id
         thief = with_sections(robot.config("guest"), id=stolen)
         assert not is_let_in(robot.endpoint, thief)
         assert alice.query(Service.DESC.key(ID), b"")

@@ -9,6 +9,7 @@ from collections.abc import Generator
 import msgspec
 import pytest
 
+from tests.support.robot_node import raw_session
 from tests.support.secured_robot import (
     DESCRIPTION,
     ID,
@@ -90,8 +91,8 @@ def test_a_viewer_sees_the_robot_with_its_description_and_its_state(guest: Bus) 
 
 
 def test_a_tool_that_asks_who_lives_once_is_told(robot: SecuredRobot) -> None:
-    with Bus(robot.config("guest", mode="client")) as tool:
-        answers = list(tool._session.liveliness().get(topics.alive_key("*")))
+    with raw_session(robot.config("guest", mode="client")) as tool:
+        answers = list(tool.liveliness().get(topics.alive_key("*")))
     assert {str(answer.ok.key_expr) for answer in answers} == {topics.alive_key(ID)}
 
 

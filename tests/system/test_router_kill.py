@@ -57,21 +57,21 @@ class Lab:
     """A router that can be killed, one robot, an operator's dashboard and its page."""
 
     def __init__(self, start: Callable[..., Program], folder: Path) -> None:
-        self._start, self._keys = start, folder / "keys"
-        make_router_keys(self._keys, [ID])
+        self._start, self.keys = start, folder / "keys"
+        make_router_keys(self.keys, [ID])
         (folder / "quick.toml").write_text(QUICK, encoding="utf-8")
         trace = folder / "trace"
-        robot = ("--zenoh-config", str(self._keys / f"{ID}.json5"))
+        robot = ("--zenoh-config", str(self.keys / f"{ID}.json5"))
         # Started before the router, like a robot that is switched on first.
         mock = start(
             "tests.support.programs", str(trace), "--robot", str(folder / "quick.toml"), *robot
         )
-        self.router = start("tsd_router", str(self._keys / "router.json5"))
+        self.router = start("tsd_router", str(self.keys / "router.json5"))
         self.router.ready()
         mock.ready()
         self.observer = FileObserver(trace)
         dashboard = start(
-            "tsd_dashboard", "--port", "0", "--zenoh-config", str(self._keys / f"{OPERATOR}.json5")
+            "tsd_dashboard", "--port", "0", "--zenoh-config", str(self.keys / f"{OPERATOR}.json5")
         )
         (port,) = re.findall(r"http://127\.0\.0\.1:(\d+)", dashboard.ready())
         self.page = Page(int(port), "a" * 16, user=OPERATOR)
@@ -88,7 +88,7 @@ class Lab:
 
     def start_router(self) -> float:
         """Start the router, and return the time when it listens."""
-        self.router = self._start("tsd_router", str(self._keys / "router.json5"))
+        self.router = self._start("tsd_router", str(self.keys / "router.json5"))
         self.router.ready()
         return time.monotonic()
 
@@ -175,7 +175,7 @@ def test_a_session_is_back_within_a_second_after_the_router_listens(lab: Lab) ->
         came_s.append(time.monotonic())
         arrived.set()
 
-    with Bus(from_file(str(lab._keys / f"{OPERATOR}.json5"))) as bus:
+    with Bus(from_file(str(lab.keys / f"{OPERATOR}.json5"))) as bus:
         bus.subscribe(topics.STATUS.key(ID), on_status)
         for away_s, _ in itertools.product((0.3, 2.5), range(2)):
             assert arrived.wait(PATIENCE_S)

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 import zenoh
 
+from tests.support.robot_node import matched
 from tests.support.secured_robot import (
     HERS,
     HIS,
@@ -197,13 +198,17 @@ def test_clocks_of_cameras_are_for_those_who_see_their_pictures(telling: RouterS
 
 @pytest.mark.parametrize("name", ["alice", "camera", "tape"])
 def test_no_question_is_answered_by_another_robot(stage: RouterStage, name: str) -> None:
-    with stage.join(name, HERS) as own, stage.join("gateway", HIS) as gateway:
+    with (
+        stage.join(name, HERS),
+        stage.raw_join(name) as own,
+        stage.join("gateway", HIS) as gateway,
+    ):
         for selector in (*SELECTORS, *ADMIN):
-            found = own._session.get(selector, timeout=1.0, target=zenoh.QueryTarget.ALL)
+            found = own.get(selector, timeout=1.0, target=zenoh.QueryTarget.ALL)
             keys = [str(reply.ok.key_expr).split("/") for reply in found if reply.ok is not None]
             # A session answers queries about itself.
-            assert not [key for key in keys if key[1] not in (HERS, own.id)], selector
-        assert own.query_all(Service.DESC.key(HERS), b"")
+            assert not [key for key in keys if key[1] not in (HERS, str(own.zid()))], selector
+        assert [reply.ok for reply in own.get(Service.DESC.key(HERS)) if reply.ok is not None]
         assert gateway.query_all(Service.DESC.key(HIS), b"")
 
 
@@ -239,14 +244,12 @@ def wait_for(condition: Any) -> None:
 
 @pytest.mark.parametrize("name", ["alice", "camera", "tape"])
 def test_matching_does_not_reveal_another_robot(stage: RouterStage, name: str) -> None:
-    with stage.join(name, HERS) as own, stage.join("bob", HIS) as bob:
-        session = own._session
+    with stage.raw_join(name) as session, stage.join("bob", HIS) as bob:
         hidden = [session.declare_publisher(key) for key in (*KEYS, *PATTERNS)]
         queriers = [session.declare_querier(key) for key in SELECTORS]
         stop = session.declare_publisher(topics.STOP.key(HERS))
         wait_for(lambda: stop.matching_status.matching)
-        his_stop = bob._session.declare_publisher(topics.STOP.key(HIS))
-        wait_for(lambda: his_stop.matching_status.matching)
+        matched(bob.publisher(topics.STOP.key(HIS), QoS.DATA))
         revealing = [
             str(each.key_expr)
             for each in (*hidden, *queriers)
@@ -278,7 +281,7 @@ def test_messages_for_another_robot_do_not_arrive(telling: RouterStage, name: st
         "twin/*/state/status",
     ]
     with (
-        telling.join(name) as own,
+        telling.raw_join(name) as own,
         telling.join("bob", HIS) as bob,
         telling.join("gateway", HIS) as gateway,
         listening(robot, f"twin/{HIS}/stop", f"twin/{HIS}/cmd/*/twist", "twin/*/sensor/*") as at,
@@ -286,8 +289,8 @@ def test_messages_for_another_robot_do_not_arrive(telling: RouterStage, name: st
     ):
         seen.until(lambda sample: sample.key == topics.STATUS.key(HIS))
         for key in keys:
-            own._session.put(key, SECRET, congestion_control=zenoh.CongestionControl.BLOCK)
-        own._session.delete(topics.twist_key(HIS, "bob"))
+            own.put(key, SECRET, congestion_control=zenoh.CongestionControl.BLOCK)
+        own.delete(topics.twist_key(HIS, "bob"))
         # Each robot receives only its operator's messages.
         put(bob, topics.twist_key(HIS, "bob"), b"end")
         at.until(lambda sample: sample.payload == b"end")
@@ -302,8 +305,8 @@ def test_requests_to_another_robot_have_no_effect(telling: RouterStage, name: st
         before = status_of(gateway, HIS)
         for service in SERVICES:
             assert own.query_all(service, b'{"op": "acquire", "operator": "alice"}', 0.3) == []
-        own._session.liveliness().declare_token(topics.instance_key(HIS, "0666"))
-        own._session.liveliness().declare_token(topics.alive_key(HIS))
+        own.declare_token(topics.instance_key(HIS, "0666"))
+        own.declare_token(topics.alive_key(HIS))
         after = status_of(gateway, HIS)
         assert after.mode == before.mode
         assert after.lease.holder is None
@@ -327,7 +330,7 @@ def test_a_robot_may_be_watched_and_stopped_but_not_driven(stage: RouterStage, n
         lease = b'{"op": "acquire", "operator": "%s"}' % name.encode()
         assert own.query_all(Service.LEASE.key(HIS), lease, 0.5) == []
         for key in (topics.twist_key(HIS, name), topics.SENSOR_POSE.key(HIS)):
-            assert not own._session.declare_publisher(key).matching_status.matching
+            assert not own.publisher(key, QoS.DATA).has_subscribers
         put(own, topics.STOP.key(HIS), b"{}")
         seen.until(
             lambda s: s.key == topics.STATUS.key(HIS) and decode_status(s.payload).mode == "stopped"
@@ -340,15 +343,16 @@ def test_a_robot_cannot_act_as_another(telling: RouterStage) -> None:
     asked: list[object] = []
     hers = telling.robots[HERS].bus
     with (
+        telling.raw_join(HERS) as own,
         telling.join("gateway", HIS) as gateway,
         telling.join("bob", HIS) as bob,
         listening(hers, f"twin/{HIS}/**", "twin/*/cmd/**", "twin/**", "**") as overheard,
         listening(telling.robots[HIS].bus, f"twin/{HIS}/cmd/*/twist") as at_his,
         listening(gateway, "twin/*/state/**", "twin/*/event/*") as seen,
-        hers._session.declare_queryable(Service.DESC.key(HIS), asked.append),
+        own.declare_queryable(Service.DESC.key(HIS), asked.append),
     ):
         for key in forged:
-            hers._session.put(key, SECRET, congestion_control=zenoh.CongestionControl.BLOCK)
+            own.put(key, SECRET, congestion_control=zenoh.CongestionControl.BLOCK)
         put(bob, topics.twist_key(HIS, "bob"), b"end")
         at_his.until(lambda sample: sample.payload == b"end")
         seen.until(lambda sample: sample.key == topics.STATUS.key(HIS))
@@ -356,9 +360,7 @@ def test_a_robot_cannot_act_as_another(telling: RouterStage) -> None:
         assert len(gateway.query_all(Service.DESC.key(HIS), b"")) == 1
     assert asked == []
     assert SECRET not in {sample.payload for sample in seen.heard}
-    # A session hears its own puts.
-    heard = [sample for sample in overheard.heard if sample.payload != SECRET]
-    assert not [sample for sample in heard if not sample.key.startswith(f"twin/{HERS}/")]
+    assert not [each for each in overheard.heard if not each.key.startswith(f"twin/{HERS}/")]
 
 
 def test_a_certificate_that_the_rules_do_not_name_reaches_no_robot(

@@ -64,9 +64,10 @@ class SimulationLink(Link):
         self.simulated = simulated
         self.lock = threading.RLock()
         numbers = itertools.count(1)  # Deterministic lease ids.
-        self._controller = RobotController(
+        self.controller = RobotController(
             robot, lambda: next(numbers).to_bytes(16, "big"), pose=pose
         )
+        """Controller of the robot, to observe it; commands come from protocols."""
         self._tick = 0
         up, down = (np.random.default_rng((network.seed, way)) for way in range(2))
         self._up = LinkModel[Sample](network, up, 0.0)
@@ -74,8 +75,8 @@ class SimulationLink(Link):
         self._one_way_s = network.delay_s + network.jitter_s
         self._received_seq = 0
         self._poses: list[Sample] = []
-        self._mode = self._controller.supervisor.mode
-        self._status = self._controller.status(0.0, LoopStatus(), simulated.hardware())
+        self._mode = self.controller.supervisor.mode
+        self._status = self.controller.status(0.0, LoopStatus(), simulated.hardware())
         self._status_seq = 0
         self._step()
 
@@ -96,8 +97,8 @@ class SimulationLink(Link):
 
     def _serve(self, service: Service, payload: bytes) -> bytes:
         if service is Service.STOP:
-            return msgspec.json.encode(self._controller.stop(payload, self.now_s()))
-        return msgspec.json.encode(self._controller.serve(service, payload, self.now_s()))
+            return msgspec.json.encode(self.controller.stop(payload, self.now_s()))
+        return msgspec.json.encode(self.controller.serve(service, payload, self.now_s()))
 
     def send(self, command: TwistCommand) -> None:
         """Send a command, which arrives at the next step or later."""
@@ -107,7 +108,7 @@ class SimulationLink(Link):
 
     def send_stop(self, payload: bytes) -> None:
         """Stop and latch the robot."""
-        self._controller.stop(payload, self.now_s())
+        self.controller.stop(payload, self.now_s())
 
     def send_pose(self, payload: bytes) -> None:
         """Queue a pose measurement for the next step."""
@@ -126,7 +127,7 @@ class SimulationLink(Link):
 
     def state(self) -> RobotState:
         """Return the current state."""
-        controller, stamp_ns = self._controller, self.wall_ns()
+        controller, stamp_ns = self.controller, self.wall_ns()
         odometry = controller.odometry(stamp_ns).wrapped()
         alternative = controller.alternative_odometry(stamp_ns)
         joints, setpoint = controller.joint_state(stamp_ns), controller.setpoint_state(stamp_ns)
@@ -156,13 +157,13 @@ class SimulationLink(Link):
         now_s = self.now_s()
         measured = self.simulated.read(now_s)
         if self._poses:
-            self._controller.add_pose_measurements(self._poses, now_s, self.wall_ns())
+            self.controller.add_pose_measurements(self._poses, now_s, self.wall_ns())
             self._poses = []
         inbox = self._up.receive(now_s)
-        self.simulated.write(self._controller.step(now_s, measured, inbox), now_s)
-        for event in self._controller.take_events():
+        self.simulated.write(self.controller.step(now_s, measured, inbox), now_s)
+        for event in self.controller.take_events():
             self._put_event(event)
-        if self._tick % _STATUS_EVERY == 0 or self._controller.supervisor.mode is not self._mode:
+        if self._tick % _STATUS_EVERY == 0 or self.controller.supervisor.mode is not self._mode:
             self._send_status(now_s)
         if self._tick % _STATE_EVERY == 0:
             self._hand_odometry()
@@ -176,10 +177,10 @@ class SimulationLink(Link):
             arrive(now_s)
 
     def _send_status(self, now_s: float) -> None:
-        self._mode = self._controller.supervisor.mode
-        self._status = self._controller.status(now_s, LoopStatus(), self.simulated.hardware())
+        self._mode = self.controller.supervisor.mode
+        self._status = self.controller.status(now_s, LoopStatus(), self.simulated.hardware())
         self._status_seq += 1
-        self._controller.record_status_sent(self._status_seq, now_s)
+        self.controller.record_status_sent(self._status_seq, now_s)
         arrive = partial(self._receive_status, self._status, self._status_seq)
         self._down.send(arrive, _MESSAGE_BYTES, now_s)
 
@@ -191,7 +192,7 @@ class SimulationLink(Link):
     def _hand_odometry(self) -> None:
         if self._protocols:
             # Omit covariances, which dominate the cost of odometry.
-            pose, twist = self._controller.pose, self._controller.end_twist
+            pose, twist = self.controller.pose, self.controller.end_twist
             xy_heading = wrapped_heading(pose.xy_heading) if isinstance(pose, SE2) else _NOWHERE
             arrive = partial(self._receive_odometry, xy_heading, twist)
             self._down.send(arrive, _MESSAGE_BYTES, self.now_s())

@@ -80,6 +80,10 @@ class VirtualRobot:
         """Run one control period with the command `twist` (3,) in the body frame."""
         self._step(twist / self.speed_scale_sigma)
 
+    def coast(self) -> None:
+        """Run one control period without a command, as after the loss of a link."""
+        self._step(None)
+
     @property
     def truth(self) -> SE2:
         """True pose relative to the mark."""

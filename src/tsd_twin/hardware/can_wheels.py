@@ -201,7 +201,7 @@ class CanWheels:
             self._requested.wait(_IDLE_S)
             self._requested.clear()
             try:
-                self._cycle()
+                self.step()
                 self._lost_bus = ""
             except GONE as error:
                 self._lose_bus(str(error))
@@ -216,7 +216,12 @@ class CanWheels:
         self._lost_bus = text or "it is gone"
         self._latch.lock(because(Code.DEVICE_DISCONNECTED, device="can_bus", text=self._lost_bus))
 
-    def _cycle(self) -> None:
+    def step(self) -> None:
+        """Run one cycle on the I/O thread: check, send the command and collect measurements.
+
+        Raises:
+            can.CanError, OSError, ValueError: If the bus is lost.
+        """
         now_s = self._clock()
         command = self.command
         if now_s - self._cycled_s > _PAUSE_S:

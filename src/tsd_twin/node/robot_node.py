@@ -44,6 +44,7 @@ from tsd_twin.node.authority import Authority
 from tsd_twin.node.input_log import InputLogPublisher, build
 from tsd_twin.node.timing import DuplicateIdMonitor, RateKeeper
 from tsd_twin.robots import RobotDescription
+from tsd_twin.safety import SafetySupervisor
 
 _LOG = logging.getLogger(__name__)
 
@@ -109,6 +110,7 @@ class RobotNode:
         self._description = msgspec.json.encode(description)
         self._mode = self._controller.supervisor.mode
         self._loop_status = LoopStatus()
+        self._periods = 0
         self._open_streams(bus, robot_id)
         # Declare last, because clients may send requests once they discover the robot.
         self._token = bus.declare_token(alive)
@@ -131,14 +133,17 @@ class RobotNode:
         self._event_publishers: dict[str, Publisher] = {}
         self._duplicate_ids = DuplicateIdMonitor(bus, robot_id)
 
+    @property
+    def supervisor(self) -> SafetySupervisor:
+        """Safety state machine, for the thread that runs the node."""
+        return self._controller.supervisor
+
     def run(self, stop: threading.Event) -> None:
         """Run until `stop` is set; the last setpoint is standstill."""
         rate = RateKeeper(PERIOD_S)
-        tick = 0
         try:
             while not stop.is_set():
-                self._tick(rate.wait(stop), tick, rate)
-                tick += 1
+                self.step(rate.wait(stop), rate)
         finally:
             self._shut_down()
 
@@ -153,7 +158,9 @@ class RobotNode:
             self._token.close()
             self._duplicate_ids.close()
 
-    def _tick(self, now_s: float, tick: int, rate: RateKeeper) -> None:
+    def step(self, now_s: float, rate: RateKeeper) -> None:
+        """Run the period that starts at `now_s`; `rate` measures the loop, for the status."""
+        tick, self._periods = self._periods, self._periods + 1
         measured = self._io.read(now_s)
         for sample in self._stops.take_samples():
             self._controller.stop(sample.payload, now_s)

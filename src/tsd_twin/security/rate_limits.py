@@ -107,10 +107,11 @@ class LoginTokenBucket:
 class AttemptLimits:
     """Limits per address and for all together; `now_s` is monotonic time."""
 
-    def __init__(self) -> None:
+    def __init__(self, addresses: LoginRateLimiter | None = None) -> None:
+        """`addresses` is the limit per address, by default five free tries."""
         # The waits are bounded, so that an attacker behind the same address cannot lock others out
         # for long.
-        self.addresses = LoginRateLimiter(free=5, first_s=5.0, longest_s=900.0)
+        self.addresses = addresses or LoginRateLimiter(free=5, first_s=5.0, longest_s=900.0)
         # This limit is independent of addresses, because any local process can forge the headers of
         # a proxy.
         self.together = LoginTokenBucket(at_once=60, every_s=5.0)

@@ -235,11 +235,17 @@ class Login:
 class Logins:
     """Login sessions and rate limits; `now_s` is monotonic time."""
 
-    def __init__(self, *, idle_s: float = IDLE_S, absolute_s: float = ABSOLUTE_S) -> None:
+    def __init__(
+        self,
+        *,
+        idle_s: float = IDLE_S,
+        absolute_s: float = ABSOLUTE_S,
+        attempts: AttemptLimits | None = None,
+    ) -> None:
         self._idle_s = idle_s
         self._absolute_s = absolute_s
         self._logins: dict[str, Login] = {}
-        self._limits = AttemptLimits()
+        self._limits = attempts or AttemptLimits()
         self._names = LoginRateLimiter(free=10, first_s=10.0, longest_s=300.0)
 
     # Attempts.

@@ -98,7 +98,8 @@ class FaultFilter:
         Columns without a hypothesis are disturbances that are not parts.
         """
         self.sigma = sigma
-        self._scale = scale
+        self.scale = scale
+        """(f,): typical fault sizes."""
         self._hypotheses = list(hypotheses)
         others = set(range(len(scale))).difference(*(each.columns for each in hypotheses))
         self._all = [*hypotheses, *(Hypothesis((i,), is_part=False) for i in sorted(others))]
@@ -117,7 +118,7 @@ class FaultFilter:
 
     def restart(self) -> None:
         """Forget all that was learned."""
-        sigma, count = self.sigma, len(self._scale)
+        sigma, count = self.sigma, len(self.scale)
         self.state: Array = np.zeros(len(sigma))
         self.covariance: Array = np.diag(sigma**2)
         self._begun = [0]
@@ -189,7 +190,7 @@ class FaultFilter:
             return False
         newer = range(self._reported() + 1, len(self._begun))
         sizes = self.verdict.sizes
-        bases = [each.basis(len(self._scale)) for each in self.verdict.alike[:1]]
+        bases = [each.basis(len(self.scale)) for each in self.verdict.alike[:1]]
         for onset in newer:
             if self._blocks - self._begun[onset] < _LEAST_BLOCKS:
                 continue
@@ -224,7 +225,7 @@ class FaultFilter:
 
     def _sizes(self, basis: Array) -> Array:
         """Return the typical sizes (p,) of faults along `basis` (p, f)."""
-        sizes: Array = np.abs(basis) @ self._scale / np.abs(basis).sum(axis=1)
+        sizes: Array = np.abs(basis) @ self.scale / np.abs(basis).sum(axis=1)
         return sizes
 
     def evidence(self, onset: int, basis: Array) -> tuple[float, float, Array]:
@@ -266,9 +267,9 @@ class FaultFilter:
                 self._costs, (self.evidence(onset, basis) for basis in self._bases), strict=True
             )
         ]
-        whole: Array = np.eye(len(self._scale))
+        whole: Array = np.eye(len(self.scale))
         _, most, _ = self.evidence(onset, whole)
-        prior: Array = np.diag(self._scale**-2.0)
+        prior: Array = np.diag(self.scale**-2.0)
         information = self._information[onset]
         seen: Array = np.asarray(np.linalg.solve(information + prior, information), dtype=float)
         freedom = float(np.trace(seen))

@@ -28,7 +28,7 @@ from tsd_twin.shadow.fault_detectors import (
     ServoTest,
     ShadowReport,
 )
-from tsd_twin.shadow.fault_filter import Verdict
+from tsd_twin.shadow.fault_filter import FaultFilter, Verdict
 from tsd_twin.shadow.motion_test import MotionTest
 from tsd_twin.shadow.speed_test import SpeedTest
 from tsd_twin.simulation import simulate
@@ -134,6 +134,12 @@ class ShadowTwin:
             self._note,
         )
 
+    @property
+    def fault_filters(self) -> tuple[FaultFilter | None, FaultFilter]:
+        """Filters that name faulty parts: by wheel speeds, if they are measured, and by motion."""
+        speeds = None if self._speed_test is None else self._speed_test.filter
+        return speeds, self._motion_test.filter
+
     def drifts(self) -> list[Drift]:
         """Return the parts that differ."""
         return [*self._battery_test.drifts(), *self._servo_test.drifts(), *self._wheel_drifts()]
@@ -141,8 +147,8 @@ class ShadowTwin:
     def _wheel_drifts(self) -> list[Drift]:
         """Return the differences of speeds, or else of the motion."""
         wheels = [self._joints[i] for i in self._wheels]
-        speeds = None if self._speed_test is None else self._speed_test.filter.verdict
-        motion = self._motion_test.filter.verdict
+        by_speed, by_motion = self.fault_filters
+        speeds, motion = by_speed.verdict if by_speed else None, by_motion.verdict
         if speeds is not None and speeds.alike and (motion is None or motion.alike):
             codes = Code.WHEEL_SLOWER, Code.WHEELS_SLOWER, Code.UNKNOWN_WHEEL
             return _drifts(speeds, wheels, len(wheels), *codes)

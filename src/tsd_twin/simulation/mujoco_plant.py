@@ -330,7 +330,7 @@ class MujocoSimulation:
         contact[:, 2] -= self._radius_m + self.actuation.surface.outside_m(self.joints)
         lever = contact - data.subtree_com[self._roots]
         slip = (velocity + _cross(turning, lever))[:, :2]
-        force, torque = patch_friction(self._robot.floor, self._loads(), slip, turning[:, 2])
+        force, torque = patch_friction(self._robot.floor, self.loads(), slip, turning[:, 2])
         forces = np.zeros(contact.shape)
         forces[:, :2] = force
         arm = contact - data.xipos[bodies]
@@ -338,7 +338,7 @@ class MujocoSimulation:
         data.xfrc_applied[bodies, 3:] = _cross(arm, forces)
         data.xfrc_applied[bodies, 5] += torque
 
-    def _loads(self) -> Array:
+    def loads(self) -> Array:
         """Return the normal force on each wheel (k,), newtons; 0 in the air."""
         contact, loads = self._data.contact, np.zeros(len(self._bodies))
         bears = contact.efc_address >= 0

@@ -11,7 +11,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-from tests.support.gateway_requests import PHRASE, ask, cookie_of, log_in, users
+from tests.support.gateway_requests import PHRASE, ask, cookie_of, limiting, log_in, users
 from tests.support.page_client import Site, site
 from tests.support.viser_client import CAMERA, ViserClient
 from tests.support.withheld import PATIENCE_S
@@ -19,7 +19,6 @@ from tsd_twin.dashboard.gateway.auth import LOGGED_OUT_CODE, AccessSettings, Aut
 from tsd_twin.dashboard.sessions.principal import DEFAULT_IDENTITY, Principal, operator_name
 from tsd_twin.errors import TwinError
 from tsd_twin.security import BusIdentity, Role
-from tsd_twin.security.rate_limits import LoginRateLimiter
 from tsd_twin.security.users import ABSOLUTE_S
 
 PAGE = "0123456789abcdef"
@@ -56,7 +55,9 @@ def fresh() -> Generator[Site]:
 def test_without_a_login_there_is_nothing_but_the_login_page(
     served: Site, path: str, cookie: str
 ) -> None:
-    headers = {"Cookie": f"{served.gateway._auth.cookie}={cookie}"} if cookie else {}
+    headers = {}
+    if cookie:
+        headers["Cookie"] = f"{cookie_of(served.port, 'alice').partition('=')[0]}={cookie}"
     answer, body = ask(served.port, "GET", path, **headers)
     assert (answer.status, body) == (401, "Log in first.")
     answer, _ = ask(served.port, "GET", "/", **headers)
@@ -107,20 +108,16 @@ def test_what_is_typed_is_shown_again_as_text_and_no_password_is(fresh: Site) ->
     assert "hunter2" not in page
 
 
-def test_wrong_passwords_are_slowed_down_with_a_sentence_and_also_for_who_is_right(
-    fresh: Site,
-) -> None:
+def test_wrong_passwords_are_slowed_down_with_a_sentence_and_also_for_who_is_right() -> None:
     # The shipped limits with longer delays, so that a slow machine cannot wait them out.
-    fresh.gateway._auth.logins._limits.addresses = LoginRateLimiter(
-        free=5, first_s=500.0, longest_s=900.0
-    )
-    for name in ("alice", "nobody", "alice", "alice", "bob"):
-        assert log_in(fresh.port, name, "wrong wrong wrong")[0].status == 401
-    for name in ("alice", "guest"):
-        answer, page = log_in(fresh.port, name)
-        assert answer.status == 429
-        assert 0 < int(answer.headers["Retry-After"]) <= 500
-        assert "Too many wrong passwords: wait 9 min" in page
+    with site(auth=limiting(free=5, first_s=500.0)) as fresh:
+        for name in ("alice", "nobody", "alice", "alice", "bob"):
+            assert log_in(fresh.port, name, "wrong wrong wrong")[0].status == 401
+        for name in ("alice", "guest"):
+            answer, page = log_in(fresh.port, name)
+            assert answer.status == 429
+            assert 0 < int(answer.headers["Retry-After"]) <= 500
+            assert "Too many wrong passwords: wait 9 min" in page
 
 
 def test_a_login_that_is_there_stays_while_others_guess(fresh: Site) -> None:
@@ -165,16 +162,16 @@ def test_who_logs_out_lets_go_of_the_robot_and_loses_all_that_was_open(served: S
 
 
 def test_a_login_whose_time_is_over_lets_go_of_the_robot() -> None:
-    door = AuthMiddleware(AccessSettings(users=users()))
+    passed_s = 0.0
+    door = AuthMiddleware(AccessSettings(users=users()), now_s=lambda: time.monotonic() + passed_s)
     with site(auth=door) as made:
         witness = cookie_of(made.port, "guest")
         with made.page(PAGE, user="alice", cookie=cookie_of(made.port, "alice")) as page:
             page.make_ready()
             page.drive()
-            door.logins._absolute_s = 0.0
+            passed_s = ABSOLUTE_S
             page.until(lambda: page.closed == LOGGED_OUT_CODE)
         assert ask(made.port, "GET", "/healthz", Cookie=witness)[0].status == 401
-        door.logins._absolute_s = ABSOLUTE_S
         with made.page(OTHER, user="guest", cookie=cookie_of(made.port, "guest")) as later:
             later.until(lambda: later.mode == "ready")
             later.until(lambda: later.state["status"]["lease"]["holder"] is None)

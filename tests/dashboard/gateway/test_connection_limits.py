@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
 import select
 import socket
 import ssl
 import struct
 import time
 from collections.abc import Generator
-from contextlib import closing
+from contextlib import closing, contextmanager
+from functools import partial
 from http.client import HTTPSConnection
 from pathlib import Path
 
@@ -34,6 +34,7 @@ from tests.support.gateway_requests import (
 from tests.support.key_folders import provision_folder
 from tests.support.page_client import Site, site
 from tests.support.withheld import PATIENCE_S, Stopwatch
+from tsd_twin.dashboard.gateway import connection_limits
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimits
 from tsd_twin.dashboard.gateway.pages import VIEWPORT_PATH
@@ -49,10 +50,16 @@ def fresh() -> Generator[Site]:
         yield made
 
 
-def limit(served: Site, **changes: float) -> None:
-    """Shorten the shipped limits."""
-    limiter = served.gateway._connection_limiter
-    limiter._limits = dataclasses.replace(limiter._limits, **changes)
+@contextmanager
+def limited(
+    viser_port: int = 1, tls: ssl.SSLContext | None = None, **changes: float
+) -> Generator[Site]:
+    """Run a site with some of the shipped limits changed."""
+    with pytest.MonkeyPatch.context() as patch:
+        changed = partial(ConnectionLimits, **changes)
+        patch.setattr(connection_limits, "ConnectionLimits", changed)
+        with site(viser_port, AuthMiddleware(AccessSettings(users=users(), tls=tls))) as made:
+            yield made
 
 
 def test_strangers_share_a_few_places_and_are_told_so(fresh: Site) -> None:
@@ -75,68 +82,67 @@ def test_a_thousand_connections_neither_stop_an_operator_nor_keep_one_out(fresh:
         assert page.closed is None
 
 
-def test_through_the_proxy_strangers_share_all_places(fresh: Site) -> None:
-    fresh.gateway._connection_limiter._is_proxy = lambda _peer: True
+def test_through_the_proxy_strangers_share_all_places() -> None:
     count = ConnectionLimits().unauthenticated
-    with dialled(fresh.port, count + 5) as opened:
+    behind = AuthMiddleware(AccessSettings(users=users(), proxy="127.0.0.1"))
+    with site(auth=behind) as served, dialled(served.port, count + 5) as opened:
         assert {status_of(each) for each in opened[:5]} == {FULL}
         assert not any(is_closed(each) for each in opened[5:])
 
 
-def test_a_user_has_so_many_connections_and_others_do_not_notice(fresh: Site) -> None:
-    limit(fresh, per_user=6)
-    guest = cookie_of(fresh.port, "guest")
-    pages = [f"{number:016x}" for number in range(6)]
-    opened = [
-        connect(
-            f"ws://127.0.0.1:{fresh.port}/teleop?page={page}",
-            additional_headers={"Cookie": guest},
-        )
-        for page in pages
-    ]
-    refused, text = ask(fresh.port, "GET", "/healthz", Cookie=guest)
-    assert refused.status == FULL
-    assert "close some pages" in text
-    with pytest.raises(InvalidStatus) as no:
-        connect(
-            f"ws://127.0.0.1:{fresh.port}/teleop?page={PAGE}", additional_headers={"Cookie": guest}
-        )
-    assert no.value.response.status_code == FULL
-    alice = cookie_of(fresh.port, "alice")
-    assert ask(fresh.port, "GET", "/healthz", Cookie=alice)[0].status == 200
-    opened[0].close()
-    watch = Stopwatch()
-    while ask(fresh.port, "GET", "/healthz", Cookie=guest)[0].status != 200:
-        assert watch.took_s < 5.0
-    for each in opened:
-        each.close()
+def test_a_user_has_so_many_connections_and_others_do_not_notice() -> None:
+    with limited(per_user=6) as fresh:
+        guest = cookie_of(fresh.port, "guest")
+        pages = [f"{number:016x}" for number in range(6)]
+        opened = [
+            connect(
+                f"ws://127.0.0.1:{fresh.port}/teleop?page={page}",
+                additional_headers={"Cookie": guest},
+            )
+            for page in pages
+        ]
+        refused, text = ask(fresh.port, "GET", "/healthz", Cookie=guest)
+        assert refused.status == FULL
+        assert "close some pages" in text
+        with pytest.raises(InvalidStatus) as no:
+            connect(
+                f"ws://127.0.0.1:{fresh.port}/teleop?page={PAGE}",
+                additional_headers={"Cookie": guest},
+            )
+        assert no.value.response.status_code == FULL
+        alice = cookie_of(fresh.port, "alice")
+        assert ask(fresh.port, "GET", "/healthz", Cookie=alice)[0].status == 200
+        opened[0].close()
+        watch = Stopwatch()
+        while ask(fresh.port, "GET", "/healthz", Cookie=guest)[0].status != 200:
+            assert watch.took_s < 5.0
+        for each in opened:
+            each.close()
 
 
-def test_an_idle_connection_of_a_user_gives_way_to_another_of_hers(fresh: Site) -> None:
-    limit(fresh, per_user=3)
-    cookie = cookie_of(fresh.port, "guest")
-    kept = [dial(fresh.port) for _ in range(4)]
-    for each in kept:
-        each.sendall(request(fresh.port, "GET", "/healthz", f"Cookie: {cookie}"))
-        assert status_of(each) == 200
-    closed_after_s(kept[:1])
-    assert not any(is_closed(each) for each in kept[1:])
-    for each in kept:
-        each.close()
+def test_an_idle_connection_of_a_user_gives_way_to_another_of_hers() -> None:
+    with limited(per_user=3) as fresh:
+        cookie = cookie_of(fresh.port, "guest")
+        kept = [dial(fresh.port) for _ in range(4)]
+        for each in kept:
+            each.sendall(request(fresh.port, "GET", "/healthz", f"Cookie: {cookie}"))
+            assert status_of(each) == 200
+        closed_after_s(kept[:1])
+        assert not any(is_closed(each) for each in kept[1:])
+        for each in kept:
+            each.close()
 
 
 def test_who_begins_no_tls_gives_way_and_is_cut_off(tmp_path: Path) -> None:
     provision_folder(tmp_path, hosts=("localhost",))
     tls = server_tls_context(tmp_path / "robot.pem", tmp_path / "robot.key")
-    with site(auth=AuthMiddleware(AccessSettings(users=users(), tls=tls))) as served:
-        limit(served, handshake_s=1.0)
-        with dialled(served.port, 100) as opened:
-            trusting = ssl.create_default_context(cafile=tmp_path / "ca.pem")
-            connection = HTTPSConnection("localhost", served.port, context=trusting)
-            with closing(connection):
-                connection.request("GET", "/login")
-                assert connection.getresponse().status == 200
-            assert closed_after_s(opened) < 5.0
+    with limited(tls=tls, handshake_s=1.0) as served, dialled(served.port, 100) as opened:
+        trusting = ssl.create_default_context(cafile=tmp_path / "ca.pem")
+        connection = HTTPSConnection("localhost", served.port, context=trusting)
+        with closing(connection):
+            connection.request("GET", "/login")
+            assert connection.getresponse().status == 200
+        assert closed_after_s(opened) < 5.0
 
 
 @pytest.mark.parametrize(
@@ -147,9 +153,8 @@ def test_who_begins_no_tls_gives_way_and_is_cut_off(tmp_path: Path) -> None:
         b"GET /login HTTP/1.1\r\nX: ",
     ],
 )
-def test_a_request_that_trickles_is_cut_off(fresh: Site, beginning: bytes) -> None:
-    limit(fresh, request_s=0.5)
-    with dial(fresh.port) as connection:
+def test_a_request_that_trickles_is_cut_off(beginning: bytes) -> None:
+    with limited(request_s=0.5) as fresh, dial(fresh.port) as connection:
         watch, start_s = Stopwatch(), time.monotonic()
         connection.sendall(beginning)
         while not is_closed(connection):
@@ -174,26 +179,25 @@ def test_a_form_that_trickles_is_cut_off_with_a_sentence(
         assert status_of(connection) == 408
 
 
-def test_an_idle_connection_is_closed_and_one_that_is_used_is_not(fresh: Site) -> None:
-    limit(fresh, idle_s=1.5, request_s=0.2)
-    cookie = cookie_of(fresh.port, "guest")
-    with dial(fresh.port) as idle, dial(fresh.port) as used:
-        ask_health = request(fresh.port, "GET", "/healthz", f"Cookie: {cookie}")
-        for each in (idle, used):
-            each.sendall(ask_health)
-            assert status_of(each) == 200
-        for _ in range(8):
-            time.sleep(0.4)
-            used.setblocking(True)
-            used.sendall(ask_health)
-            assert status_of(used) == 200
-        assert is_closed(idle)
-        assert not is_closed(used)
+def test_an_idle_connection_is_closed_and_one_that_is_used_is_not() -> None:
+    with limited(idle_s=1.5, request_s=0.2) as fresh:
+        cookie = cookie_of(fresh.port, "guest")
+        with dial(fresh.port) as idle, dial(fresh.port) as used:
+            ask_health = request(fresh.port, "GET", "/healthz", f"Cookie: {cookie}")
+            for each in (idle, used):
+                each.sendall(ask_health)
+                assert status_of(each) == 200
+            for _ in range(8):
+                time.sleep(0.4)
+                used.setblocking(True)
+                used.sendall(ask_health)
+                assert status_of(used) == 200
+            assert is_closed(idle)
+            assert not is_closed(used)
 
 
 def test_a_browser_that_never_reads_is_cut_off(server: viser.ViserServer) -> None:
-    with site(server.get_port(), AuthMiddleware(AccessSettings(users=users()))) as served:
-        limit(served, stall_s=0.5)
+    with limited(server.get_port(), stall_s=0.5) as served:
         cookie = cookie_of(served.port, "guest")
         with dial(served.port) as connection:
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)

@@ -14,6 +14,7 @@ from tests.support.gateway_requests import (
     MALFORMED,
     answer,
     ask,
+    limiting,
     log_in,
     malformed,
     request,
@@ -22,7 +23,6 @@ from tests.support.gateway_requests import (
 from tests.support.page_client import Site, site
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.login import LoginFormError, parse_login_form
-from tsd_twin.security.rate_limits import LoginRateLimiter
 
 
 @pytest.fixture
@@ -65,34 +65,27 @@ def test_each_field_comes_once_and_there_is_no_other(fields: list[tuple[str, str
             parse_login_form(urlencode(fields).encode())
 
 
-def test_malformed_bodies_are_400_without_a_traceback(
-    fresh: Site, caplog: pytest.LogCaptureFixture
-) -> None:
-    fresh.gateway._auth.logins._limits.addresses = LoginRateLimiter(
-        free=1000, first_s=5.0, longest_s=900.0
-    )
-    for what, kind, body in MALFORMED:
-        assert answer(fresh.port, malformed(fresh.port, kind, body)) == 400, what
-    zipped = request(
-        fresh.port, "POST", "/login", f"Content-Type: {FORM}", "Content-Encoding: gzip", body=b"x"
-    )
-    assert answer(fresh.port, zipped) == 400
-    broken = request(fresh.port, "POST", "/login", f"Content-Type: {FORM}").replace(
-        b"Content-Length: 0", b"Transfer-Encoding: chunked"
-    )
-    assert answer(fresh.port, broken + b"zz\r\nname\r\n") == 400
-    assert answer(fresh.port, b"GET / HTTP/1.1\r\nHo st: x\r\n\r\n") == 400
-    assert caplog.records == []
-    assert log_in(fresh.port, "alice")[0].status == 303
+def test_malformed_bodies_are_400_without_a_traceback(caplog: pytest.LogCaptureFixture) -> None:
+    with site(auth=limiting(free=1000, first_s=5.0)) as fresh:
+        for what, kind, body in MALFORMED:
+            assert answer(fresh.port, malformed(fresh.port, kind, body)) == 400, what
+        gzip = f"Content-Type: {FORM}", "Content-Encoding: gzip"
+        zipped = request(fresh.port, "POST", "/login", *gzip, body=b"x")
+        assert answer(fresh.port, zipped) == 400
+        broken = request(fresh.port, "POST", "/login", f"Content-Type: {FORM}").replace(
+            b"Content-Length: 0", b"Transfer-Encoding: chunked"
+        )
+        assert answer(fresh.port, broken + b"zz\r\nname\r\n") == 400
+        assert answer(fresh.port, b"GET / HTTP/1.1\r\nHo st: x\r\n\r\n") == 400
+        assert caplog.records == []
+        assert log_in(fresh.port, "alice")[0].status == 303
 
 
-def test_malformed_bodies_count_as_wrong_passwords_of_their_address(fresh: Site) -> None:
-    fresh.gateway._auth.logins._limits.addresses = LoginRateLimiter(
-        free=5, first_s=500.0, longest_s=900.0
-    )
-    for _ in range(5):
-        assert ask(fresh.port, "POST", "/login", "name")[0].status == 400
-    for body in ("name", "name=alice&password=x"):
-        refused, page = ask(fresh.port, "POST", "/login", body)
-        assert refused.status == 429
-        assert "Too many wrong passwords: wait 9 min" in page
+def test_malformed_bodies_count_as_wrong_passwords_of_their_address() -> None:
+    with site(auth=limiting(free=5, first_s=500.0)) as fresh:
+        for _ in range(5):
+            assert ask(fresh.port, "POST", "/login", "name")[0].status == 400
+        for body in ("name", "name=alice&password=x"):
+            refused, page = ask(fresh.port, "POST", "/login", body)
+            assert refused.status == 429
+            assert "Too many wrong passwords: wait 9 min" in page

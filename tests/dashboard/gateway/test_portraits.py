@@ -22,10 +22,10 @@ def ask(robot: str, rights: RobotRights) -> tuple[int, object]:
     async def answered() -> web.StreamResponse:
         routes = web.UrlDispatcher()
         PortraitRoutes(LINKS).add_to(routes)
-        request = make_mocked_request("GET", f"/portraits/{robot}")
+        path = f"/portraits/{robot}"
+        match = await routes.resolve(make_mocked_request("GET", path))
+        request = make_mocked_request("GET", path, match_info=dict(match))
         request[PRINCIPAL] = cast("Any", SimpleNamespace(rights=rights))
-        match = await routes.resolve(request)
-        request._match_info = match
         return await match.handler(request)
 
     try:

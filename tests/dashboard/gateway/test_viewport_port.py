@@ -15,7 +15,15 @@ from urllib.parse import quote
 import pytest
 import viser
 
-from tests.support.gateway_requests import ask, cookie_of, dialled, is_closed, status_of, users
+from tests.support.gateway_requests import (
+    ask,
+    cookie_of,
+    dialled,
+    is_closed,
+    request,
+    status_of,
+    users,
+)
 from tests.support.page_client import Site, site
 from tests.support.scene_doubles import EmptyScene
 from tests.support.withheld import PATIENCE_S
@@ -225,8 +233,9 @@ def test_connections_of_both_ports_are_counted_together() -> None:
         site(auth=AuthMiddleware(AccessSettings(users=users()))) as made,
         dialled(made.port, count) as first,
     ):
-        accepted = made.gateway._connection_limiter._open
-        until(lambda: len(accepted) == count)
+        # It answers after it has accepted all of them, in their order.
+        first[-1].sendall(request(made.port, "GET", "/login"))
+        assert status_of(first[-1]) == 200
         with dialled(made.gateway.viewport_port, 3) as more:
             until(lambda: all(is_closed(each) for each in first[:3]))
             assert not any(is_closed(each) for each in [*first[3:], *more])

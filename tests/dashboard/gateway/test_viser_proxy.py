@@ -12,6 +12,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
+from tests.dashboard.viser_internals import request_headers
 from tests.support.page_client import Site, site
 from tests.support.viser_client import CAMERA, ViserClient
 from tests.support.withheld import PATIENCE_S
@@ -70,9 +71,7 @@ def test_viser_learns_which_look_the_browser_wants(
 ) -> None:
     with open_socket(served.port, look=look) as socket:
         socket.recv(timeout=PATIENCE_S)
-        connections = server._websock_server._live_connections.values()
-        told = [c.request.headers for c in connections if c.request]
-        assert known in [each["X-Tsd-Look"] for each in told]
+        assert known in [each["X-Tsd-Look"] for each in request_headers(server)]
 
 
 def test_a_client_of_another_version_is_told_so(served: Site) -> None:

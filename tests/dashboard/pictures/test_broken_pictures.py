@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 import simplejpeg
 
-from tsd_twin.bus import Bus
+from tests.support.withheld import PATIENCE_S
+from tsd_twin.bus import Bus, Publisher, node_config
 from tsd_twin.dashboard.pictures.feed import HEADER, CameraFeed, Encoders, PictureSession, Viewer
 from tsd_twin.messages.pictures import CameraName, CompressedImage, encode_picture
-from tsd_twin.messages.topics import Sample
+from tsd_twin.messages.topics import QoS
 
 CEILING = CameraName("ceiling")
 PIXELS = np.random.default_rng(1).integers(0, 255, (180, 320, 3), dtype=np.uint8)
@@ -25,9 +26,9 @@ TAG = {"robot": "tsd", "corners": [[1, 2], [3, 2], [3, 4], [1, 4]], "refused": N
 OUTLINES = {"size": [320, 180], "tags": [TAG]}
 
 
-def sample(jpeg: bytes, outlines: bytes = b"") -> Sample:
-    message = CompressedImage("ceiling", jpeg, time.time_ns())
-    return Sample(CEILING.key, encode_picture(message), outlines)
+def show(pictures: Publisher, jpeg: bytes, outlines: bytes = b"") -> None:
+    """Publish a picture as a camera does."""
+    pictures.put(encode_picture(CompressedImage("ceiling", jpeg, time.time_ns())), outlines)
 
 
 def claims(height: int, width: int) -> bytes:
@@ -37,25 +38,25 @@ def claims(height: int, width: int) -> bytes:
     return JPEG[:at] + size + JPEG[at + 4 :]
 
 
-def run(work: Callable[[CameraFeed], Coroutine[Any, Any, None]]) -> None:
-    def opened() -> Bus:
-        raise AssertionError("nobody subscribes")
-
+def run(work: Callable[[CameraFeed, Publisher], Coroutine[Any, Any, None]]) -> None:
     async def main() -> None:
-        with ThreadPoolExecutor(1) as encoder:
-            await work(CameraFeed(CEILING, PictureSession(opened), Encoders(encoder)))
+        with Bus(node_config([])) as bus, ThreadPoolExecutor(1) as encoder:
+            feed = CameraFeed(CEILING, PictureSession(lambda: bus), Encoders(encoder))
+            async with feed.watched():
+                await work(feed, bus.publisher(CEILING.key, QoS.DATA))
 
-    asyncio.run(asyncio.wait_for(main(), 10.0))
+    asyncio.run(asyncio.wait_for(main(), PATIENCE_S))
 
 
 @pytest.mark.parametrize("kept", [0.5, 0.9])
 def test_a_picture_that_is_cut_off_is_passed_over(kept: float) -> None:
-    async def work(camera: CameraFeed) -> None:
-        camera._add(sample(JPEG[: int(kept * len(JPEG))]))
+    async def work(camera: CameraFeed, pictures: Publisher) -> None:
+        show(pictures, JPEG[: int(kept * len(JPEG))])
+        await camera.newer_than(0)
         waits = asyncio.create_task(Viewer(camera).next(100))
         done, _ = await asyncio.wait([waits], timeout=0.1)
         assert not done
-        camera._add(sample(JPEG))
+        show(pictures, JPEG)
         assert HEADER.unpack_from(await waits)[2] == 2
 
     run(work)
@@ -63,11 +64,11 @@ def test_a_picture_that_is_cut_off_is_passed_over(kept: float) -> None:
 
 @pytest.mark.parametrize("size", [(65_535, 65_535), (4097, 4096)])
 def test_a_picture_that_would_fill_the_memory_is_ignored(size: tuple[int, int]) -> None:
-    async def work(camera: CameraFeed) -> None:
-        camera._add(sample(claims(*size)))
-        assert camera.newest is None
-        camera._add(sample(claims(180, 320)))
-        assert camera.newest is not None
+    async def work(camera: CameraFeed, pictures: Publisher) -> None:
+        show(pictures, claims(*size))
+        show(pictures, claims(180, 320))
+        picture = await camera.newer_than(0)
+        assert (picture.number, picture.height, picture.width) == (1, 180, 320)
 
     run(work)
 
@@ -84,11 +85,11 @@ def test_a_picture_that_would_fill_the_memory_is_ignored(size: tuple[int, int]) 
     ],
 )
 def test_outlines_that_a_page_cannot_draw_do_not_reach_it(outlines: dict[str, Any]) -> None:
-    async def work(camera: CameraFeed) -> None:
-        for sent, arrives in ((OUTLINES, True), (outlines, False)):
+    async def work(camera: CameraFeed, pictures: Publisher) -> None:
+        for number, (sent, arrives) in enumerate(((OUTLINES, True), (outlines, False))):
             text = json.dumps(sent).encode()
-            camera._add(sample(JPEG, text))
-            assert camera.newest is not None
-            assert camera.newest.outlines == (text if arrives else b"")
+            show(pictures, JPEG, text)
+            picture = await camera.newer_than(number)
+            assert picture.outlines == (text if arrives else b"")
 
     run(work)

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Generator
 from dataclasses import replace
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -372,6 +373,30 @@ def test_arrows_show_what_each_wheel_does(
     assert not viewer.node("/w/r/tsd/a/dark/v").visible
 
 
+class KeptMeshes:
+    """viser's scene that keeps the handles of meshes by name."""
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        self.scene = scene
+        self.meshes: dict[str, viser.MeshHandle] = {}
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.scene, name)
+
+    def add_mesh_simple(self, name: str, *args: Any, **kwargs: Any) -> viser.MeshHandle:
+        self.meshes[name] = self.scene.add_mesh_simple(name, *args, **kwargs)
+        return self.meshes[name]
+
+
+def pose_region(
+    server: viser.ViserServer,
+) -> tuple[PoseRegion, viser.MeshHandle, viser.MeshHandle]:
+    """Return a region with the area and the wedge of one theme."""
+    scene: Any = KeptMeshes(server.scene)
+    region = PoseRegion(scene, "/region", 0.2)
+    return region, scene.meshes["/region/dark/p"], scene.meshes["/region/dark/w"]
+
+
 spreads = st.floats(0.01, 0.5)
 
 
@@ -382,10 +407,9 @@ def test_the_region_of_a_certain_heading_is_an_ellipse_of_two_sigma(
 ) -> None:
     covariance = np.diag([x * x, y * y, 0.0])
     covariance[0, 1] = covariance[1, 0] = correlation * x * y
-    region = PoseRegion(server.scene, "/region", 0.2)
+    region, area, wedge = pose_region(server)
     region.update(covariance, heading, now_s=0.0)
-    handle = region._areas[0]
-    in_base = SO3(np.array(handle.wxyz)).rotate(np.float64(handle.vertices))
+    in_base = SO3(np.array(area.wxyz)).rotate(np.float64(area.vertices))
     on_floor = SE2(np.array([0.0, 0.0, heading])).rotate(in_base[:, :2])
     shown = covariance[:2, :2] + _LEAST_SIGMA_M**2 * np.eye(2)
     distance = np.einsum("ni,ij,nj->n", on_floor, np.linalg.inv(shown), on_floor)
@@ -393,22 +417,22 @@ def test_the_region_of_a_certain_heading_is_an_ellipse_of_two_sigma(
     moved_m = math.sqrt(2.0) * _VISIBLE_M
     narrowest_m = math.sqrt(np.linalg.eigvalsh(shown)[0])
     assert np.abs(np.sqrt(distance) - 2.0).max() < moved_m / narrowest_m + 0.001
-    assert not region._wedges[0].visible
+    assert not wedge.visible
 
 
 @pytest.mark.parametrize(("sigma_rad", "half_rad"), [(0.2, 0.2987), (0.05, 0.0747), (3.0, np.pi)])
 def test_the_wedge_holds_the_heading_with_86_percent(
     server: viser.ViserServer, sigma_rad: float, half_rad: float
 ) -> None:
-    region = PoseRegion(server.scene, "/region", 0.2)
+    region, _, wedge = pose_region(server)
     region.update(np.diag([1e-4, 1e-4, sigma_rad**2]), 0.7, now_s=0.0)
     assert region.half_rad == pytest.approx(half_rad, rel=1e-3)
-    corners = np.float64(region._wedges[0].vertices[1:])
+    corners = np.float64(wedge.vertices[1:])
     angles = np.arctan2(corners[:, 1], corners[:, 0])
     assert np.abs(angles).max() == pytest.approx(half_rad, rel=1e-3)
-    assert region._wedges[0].visible
+    assert wedge.visible
     region.update(np.diag([1e-4, 1e-4, 1e-8]), 0.7, now_s=1.0)
-    assert not region._wedges[0].visible
+    assert not wedge.visible
 
 
 def drive_along(scene: Scene, feed: RobotFeed, xs: Array) -> None:

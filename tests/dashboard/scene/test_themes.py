@@ -95,7 +95,7 @@ def test_the_robot_is_framed_again_in_a_narrower_window(
 def test_a_camera_that_somebody_has_moved_stays_until_home(
     views: ClientViews, viewer: ViserClient
 ) -> None:
-    (panel,) = views._views.values()
+    (panel,) = views.of_page(PAGE)
     away = (3.0, 1.0, 1.0)
     viewer.send(CAMERA | {"position": list(away), "look_at": [2.0, 0.0, 0.0]})
     eventually(lambda: np.allclose(panel.client.camera.position, away))

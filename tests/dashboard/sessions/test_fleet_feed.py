@@ -88,7 +88,7 @@ def test_a_robot_that_moves_sends_its_pose_and_nothing_else(fleet: VirtualFleet)
     async def work(page: FleetPage) -> None:
         await asyncio.sleep(1.0)
         pose = SE2(np.array([1.0, 2.0, 0.5]))
-        fleet.nodes["kiwi"]._node._controller._estimator.set_pose(pose)
+        fleet.nodes["kiwi"].set_pose(pose)
         changes = await quiet(page, 1.0)
         assert [each["robots"] for each in changes] == [[]] * len(changes)
         assert page.fleet["kiwi"]["pose"] == [1.0, 2.0, 0.5]
@@ -145,7 +145,7 @@ def test_a_closed_view_and_a_closed_page_are_sent_nothing(fleet: VirtualFleet) -
                 assert await quiet(page, 1.0) == []
                 page.send(t="fleet", on=True)
                 await until(lambda: page.fleet["kiwi"]["latched"])
-            assert fleet.manager.live.feed._pages == {}
+            assert not fleet.manager.live.feed.has_subscribers
 
     fleet.clock.run(work())
 

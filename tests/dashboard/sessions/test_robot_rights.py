@@ -62,7 +62,7 @@ def test_no_message_to_a_page_names_a_hidden_robot(fleet: VirtualFleet) -> None:
         await everything(page)
         hidden = fleet.nodes[HIDDEN]
         hidden.supervisor.stop(StopRequest("bob"), fleet.clock.now_s)
-        hidden._node._controller._estimator.set_pose(SE2(np.array([1.0, 2.0, 0.5])))
+        hidden.set_pose(SE2(np.array([1.0, 2.0, 0.5])))
         fleet.manager.on_robots_changed()
         fleet.manager._map_data.show_route(HIDDEN, np.zeros((3, 3)))
         await select(page, OWN)
@@ -164,7 +164,7 @@ def test_poses_of_robots_that_nobody_shows_or_drives_come_once_a_second(
         await asyncio.sleep(1.0)
         before = len(page.all("fleet"))
         for step in range(160):
-            node._node._controller._estimator.set_pose(SE2(np.array([0.1 * step, 0.0, 0.0])))
+            node.set_pose(SE2(np.array([0.1 * step, 0.0, 0.0])))
             await asyncio.sleep(0.05)
             if driven and step % 10 == 0:
                 renewal = LeaseRequest(op="renew", operator="script", lease=lease)

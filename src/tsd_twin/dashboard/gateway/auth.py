@@ -7,7 +7,7 @@ import contextlib
 import re
 import ssl
 import time
-from collections.abc import Collection, Generator, Mapping
+from collections.abc import Callable, Collection, Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -179,6 +179,8 @@ class AuthMiddleware:
     rules: AccessSettings
     logins: Logins = field(default_factory=Logins)
     cookie: str = ""
+    now_s: Callable[[], float] = time.monotonic
+    """Clock of the logins, s."""
     _sockets: dict[str, set[web.WebSocketResponse]] = field(
         default_factory=dict[str, set[web.WebSocketResponse]]
     )
@@ -226,7 +228,7 @@ class AuthMiddleware:
         owner = self.rules.owner
         if self.rules.users is None:
             return Principal(owner, may_stop=True)
-        login = self.logins.find(request.cookies.get(self.cookie), time.monotonic())
+        login = self.logins.find(request.cookies.get(self.cookie), self.now_s())
         if login is None:
             return None
         user = login.user
@@ -258,7 +260,7 @@ class AuthMiddleware:
         """Check for expired login sessions once a second; runs until cancelled."""
         while True:
             await asyncio.sleep(_EXPIRY_CHECK_S)
-            self.logins.sweep(set(self._sockets), time.monotonic())
+            self.logins.sweep(set(self._sockets), self.now_s())
             for login_id in list(self._sockets):
                 if not self.logins.is_open(login_id):
                     await self.end_login(login_id)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import html
 import math
-import time
 from base64 import b64encode
 from concurrent.futures import ThreadPoolExecutor
 from hashlib import sha256
@@ -132,7 +131,7 @@ class LoginRoutes:
         try:
             name, password = await name_and_password(request)
         except LoginFormError as error:
-            wait_s = self._auth.logins.wait_nameless_s(address, time.monotonic())
+            wait_s = self._auth.logins.wait_nameless_s(address, self._auth.now_s())
             return self._last(
                 self._page(_TOO_MANY, wait_s=wait_s)
                 if wait_s
@@ -144,7 +143,7 @@ class LoginRoutes:
         name = name.strip().lower()[:64]
         if self._pending_checks >= _MAX_PENDING_LOGINS:
             return self._page("Too many people try to log in at once", name, wait_s=1.0)
-        wait_s = self._auth.logins.wait_s(address, name, time.monotonic())
+        wait_s = self._auth.logins.wait_s(address, name, self._auth.now_s())
         if wait_s > 0.0:
             return self._page(_TOO_MANY, name, wait_s=wait_s)
         user = await self._check(users, name, password)
@@ -169,7 +168,7 @@ class LoginRoutes:
         response = web.Response(status=303, headers={"Location": _HOME})
         response.set_cookie(
             self._auth.cookie,
-            self._auth.logins.open(user, time.monotonic()),
+            self._auth.logins.open(user, self._auth.now_s()),
             path=client.path,
             secure=client.secure,
             httponly=True,

@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
+from tests.dashboard.viser_internals import event_loop, queue_of, replace_waiters, shared_queue
 from tests.support.viser_client import viser_client
 from tests.support.withheld import PATIENCE_S
 from tsd_twin.dashboard.scene import viser_compat
@@ -32,15 +33,14 @@ class Waiters(deque[Any]):
 
 def watched(server: Any, event: Any) -> tuple[Waiters, int]:
     """Record the waiters of the server's loop events, and return the thread of that loop."""
-    found: list[tuple[Waiters, int]] = []
+    found: list[tuple[Any, int]] = []
     done = threading.Event()
 
     def swap() -> None:
-        event._waiters = Waiters(event._waiters)
-        found.append((event._waiters, threading.get_ident()))
+        found.append((replace_waiters(event, Waiters), threading.get_ident()))
         done.set()
 
-    server._websock_server._background_event_loop.call_soon_threadsafe(swap)
+    event_loop(server).call_soon_threadsafe(swap)
     assert done.wait(PATIENCE_S)
     return found[0]
 
@@ -53,8 +53,8 @@ def test_only_the_loop_looks_for_who_waits_whoever_fills_a_queue() -> None:
         with viser_client(server.get_port()):
             client = come.get(timeout=PATIENCE_S)
             for filled, draw in (
-                (server._websock_server._broadcast_buffer, server.scene.add_frame),
-                (client._websock_connection.get_message_buffer(), client.scene.add_frame),
+                (shared_queue(server), server.scene.add_frame),
+                (queue_of(client), client.scene.add_frame),
             ):
                 waiters, loop_thread = watched(server, filled.message_event)
                 # Spaced so that the loop waits for each next message.

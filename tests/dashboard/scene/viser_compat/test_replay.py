@@ -18,9 +18,14 @@ import viser
 from hypothesis import given
 from hypothesis import strategies as st
 from viser.infra import ClientId, Message
-from viser.infra import _infra as infra
 from viser.infra._async_message_buffer import AsyncMessageBuffer
 
+from tests.dashboard.viser_internals import (
+    message_producer,
+    queue_of,
+    run_garbage_collector,
+    shared_queue,
+)
 from tests.support.viser_client import ViserClient, viser_client
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.errors import TwinError
@@ -38,7 +43,7 @@ def server() -> Generator[viser.ViserServer]:
 
 def let_a_day_pass(server: viser.ViserServer) -> None:
     """Advance the counters as if this many superseded messages had been sent."""
-    buffer = server._websock_server._broadcast_buffer
+    buffer = shared_queue(server)
     with buffer.buffer_lock:
         buffer.message_counter += DAY
 
@@ -118,7 +123,7 @@ def test_what_is_sent_while_clients_connect_reaches_all(server: viser.ViserServe
 
 def test_removals_are_forgotten_once_nobody_waits_for_them(server: viser.ViserServer) -> None:
     """viser polls each client's progress; one that left must not block removal."""
-    buffer = server._websock_server._broadcast_buffer
+    buffer = shared_queue(server)
     with viser_client(server.get_port()) as viewer:
         server.scene.add_frame("/it").remove()
         server.scene.add_frame("/after")
@@ -205,7 +210,7 @@ def test_what_is_sent_and_in_which_order_is_as_viser_has_it(
 
 
 def test_nothing_is_sent_in_the_middle_of_an_atomic_block(server: viser.ViserServer) -> None:
-    buffer = server._websock_server._broadcast_buffer
+    buffer = shared_queue(server)
     with server.atomic():
         server.scene.add_frame("/half")
         assert viser_compat.next_message_window(buffer, 0, -1, buffer.message_counter - 1) == (
@@ -217,20 +222,18 @@ def test_nothing_is_sent_in_the_middle_of_an_atomic_block(server: viser.ViserSer
 
 
 def test_viser_uses_the_queue_for_all_clients_and_for_each(server: viser.ViserServer) -> None:
-    assert type(server._websock_server._broadcast_buffer) is viser_compat.MessageQueue
+    assert type(shared_queue(server)) is viser_compat.MessageQueue
     with viser_client(server.get_port()) as viewer:
         viewer.until(lambda: server.get_clients())
         for client in server.get_clients().values():
-            queue = client._websock_connection.get_message_buffer()
+            queue = queue_of(client)
             assert type(queue) is viser_compat.MessageQueue
 
 
 KNOWN = {
     AsyncMessageBuffer: "a5346247208b3f6bb5dfca9bcacdbb62b3c08aea0904f2450cd2b1588b932bbe",
-    infra._message_producer: "8283328d06cfa014576888930c49a857a2d79892dc89f9694444895945018ea3",
-    viser.ViserServer._run_garbage_collector: (
-        "3c5564f634e18ec9b2806717f16e8ffe663234738ea09a0c5db414387e012b7c"
-    ),
+    message_producer: "8283328d06cfa014576888930c49a857a2d79892dc89f9694444895945018ea3",
+    run_garbage_collector: ("3c5564f634e18ec9b2806717f16e8ffe663234738ea09a0c5db414387e012b7c"),
 }
 """SHA-256 of the viser sources that our loop depends on."""
 

@@ -10,6 +10,7 @@ import msgspec
 import pytest
 import viser
 
+from tests.dashboard.viser_internals import handled_messages
 from tests.support.viser_client import viser_client
 from tests.support.withheld import PATIENCE_S
 from tsd_twin.dashboard.scene import viser_compat
@@ -51,7 +52,7 @@ def test_no_client_can_make_it_public(server: viser.ViserServer) -> None:
         viewer.socket.send(msgspec.msgpack.encode({"type": "ShareUrlRequest"}))
         server.scene.add_frame("/after")
         viewer.until(lambda: viewer.node("/after"))
-    heard = {kind.__name__ for kind in server._websock_server._incoming_handlers}
+    heard = {kind.__name__ for kind in handled_messages(server)}
     assert "ViewerCameraMessage" not in heard  # Camera handlers are registered per client.
     assert not any("Share" in kind for kind in heard)
 
