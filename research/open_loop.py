@@ -140,7 +140,8 @@ def recorded_setpoints(
 ) -> tuple[Array, int]:
     """Return the setpoints (p, n) as `driven_setpoints`, for any robot and manoeuvre."""
     recorder = _Recorder(robot)
-    virtual = VirtualRobot(robot, recorder)
+    on_floor = isinstance(recorder.truth(0.0).pose, SE2)
+    virtual = VirtualRobot(robot, recorder, on_floor=on_floor)
     start = len(recorder.setpoints)
     default_rpm = getattr(robot.drive, "cruise_speed_rpm", 0.0)  # pyright: ignore
     for i in range(round(seconds / PERIOD_S)):

@@ -14,8 +14,6 @@ from tests.slow_tests import TESTS, listed, long_listed, shared
 
 TIMED = {"app", "bus", "dashboard", "hardware", "link_emulation", "node", "system"}
 """Folders of tests with real-time threads, sockets or robots, except tests marked `computes`."""
-PROGRAMS = {"app", "system"}
-"""Those of them that start our programs: they take about as long as all others that wait."""
 WRITTEN = ("busy", "computes", "system")
 """Marks that are written in test files."""
 _OF_ALL = re.compile(r"^pytestmark = .*?(?:\n\n|\Z)", re.MULTILINE | re.DOTALL)
@@ -26,7 +24,7 @@ def all_marks(path: Path, written: frozenset[str]) -> frozenset[str]:
     folders = path.relative_to(TESTS).parts[:-1]
     if not (written & {"system"}) and (TIMED.isdisjoint(folders) or "computes" in written):
         return written
-    is_program = not PROGRAMS.isdisjoint(folders) and "busy" not in written
+    is_program = "app" in folders and "busy" not in written
     return written | ({"timed", "programs"} if is_program else {"timed"})
 
 

@@ -18,7 +18,7 @@ FILE = TESTS / "slow_tests.txt"
 LONG_FILE = TESTS / "long_tests.txt"
 """Tests or test cases for `make test-long`: more cases of the same laws, and tests that take more
 than about five seconds of processor time."""
-SHARED_FOLDERS = ("firmware", "hardware", "lab", "research", "sensors")
+SHARED_FOLDERS = ("firmware", "lab", "research")
 """Their slow tests run with the quick ones, so that both runs of what computes take as long."""
 LIMIT_S = 0.5
 """Beyond this a test is slow, all its cases together."""

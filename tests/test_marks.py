@@ -39,8 +39,6 @@ def test_each_file_is_in_a_lane() -> None:
         ("app", "", {"programs"}),
         ("app", ONE.format("busy"), {"busy", "programs"}),
         ("app", ALL, {"busy"}),
-        ("system", "", {"programs"}),
-        ("system", ONE.format("busy"), {"busy", "programs"}),
     ],
 )
 def test_a_file_is_read_by_the_lanes_of_its_tests(

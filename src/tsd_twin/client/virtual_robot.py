@@ -40,14 +40,20 @@ class VirtualRobot:
     """Robot controller and simulator in virtual time, driven by twists, without a bus.
 
     The rules of the real robot apply: arming, limits, command gate. Poses are relative to a mark,
-    set where the robot became ready; a robot that turns a sphere has no pose. A simulation that was
-    used before continues from `start_s`.
+    set where the robot became ready. A simulation that was used before continues from `start_s`.
 
     Raises:
-        TwinError: If the robot does not become ready.
+        TwinError: If the robot does not become ready, or turns a sphere although `on_floor`.
     """
 
-    def __init__(self, robot: RobotDescription, simulated: SimRobot, start_s: float = 0.0) -> None:
+    def __init__(
+        self,
+        robot: RobotDescription,
+        simulated: SimRobot,
+        start_s: float = 0.0,
+        *,
+        on_floor: bool = True,
+    ) -> None:
         ids = itertools.count(1)
         # The lease need not cap the speed, because virtual links cannot fail.
         limits = msgspec.structs.replace(robot.limits, stop_allowance_m=_ANY_M)
@@ -61,10 +67,12 @@ class VirtualRobot:
         self._status_seq = 0
         self._mark = SE2.identity()
         self._step(None)
+        if on_floor:
+            self._true_pose()
         self._protocol = ControlProtocol(robot.name, robot, _LAB)
         self._lease = self._acquire()
         self._arm()
-        if isinstance(self.simulated.truth(self.now_s).pose, SE2):
+        if on_floor:
             self.mark()
 
     def mark(self) -> None:
