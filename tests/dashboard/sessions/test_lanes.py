@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
+import itertools
 import json
+import threading
 from collections.abc import Generator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from typing import Any, get_args
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from websockets.exceptions import ConnectionClosed, InvalidStatus
-from websockets.sync.client import ClientConnection, connect
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
 
 from tests.dashboard.recorders import CommandRecorder
 from tests.support.page_client import Page, Site, site
@@ -27,7 +31,7 @@ OTHERS = sorted(
 class Lane:
     """Client side of a lane."""
 
-    def __init__(self, socket: ClientConnection) -> None:
+    def __init__(self, socket: Connection) -> None:
         self.socket = socket
         self.states: list[int] = []
 
@@ -77,11 +81,11 @@ class Driver:
         )
 
 
-def lane_of(served: Site, page: str) -> ClientConnection:
-    return connect(f"ws://127.0.0.1:{served.port}/teleop/lane?page={page}")
+def lane_of(served: Site, page: str, **options: Any) -> Connection:
+    return connect(f"ws://127.0.0.1:{served.port}/teleop/lane?page={page}", **options)
 
 
-def read_all(lane: ClientConnection) -> None:
+def read_all(lane: Connection) -> None:
     while True:
         lane.recv(PATIENCE_S)
 
@@ -218,3 +222,35 @@ def test_lanes_are_limited_and_end_with_their_page(served: Site) -> None:
         for lane in lanes:
             with pytest.raises(ConnectionClosed):
                 read_all(lane)
+
+
+def test_lanes_of_a_page_that_closes_move_nothing(served: Site) -> None:
+    with ExitStack() as stack, served.page() as page:
+        page.make_ready()
+        # With a full queue, it reads nothing more, so that it does not hear that it is closed.
+        lane = Lane(stack.enter_context(lane_of(served, page.name, max_queue=1)))
+        driver = Driver(served, page, [lane])
+        commands = CommandRecorder(served, page)
+        command = {"t": "drive", "vx": 0.1, "vy": 0.0, "omega": 0.0, "status_seq": driver.seen}
+        selection, numbers, closed = driver.selection, itertools.count(1), threading.Event()
+
+        def hold() -> None:
+            released = 0
+            with suppress(ConnectionClosed):
+                while not closed.wait(0.01):
+                    if len(page.all("released")) > released:  # This thread was late.
+                        released += 1
+                        lane.send(t="release", number=next(numbers), selection=selection)
+                    lane.send(**command, number=next(numbers), selection=selection)
+
+        holding = threading.Thread(target=hold)
+        holding.start()
+        page.until(lambda: page.mode == "driving")
+        commands.take()
+        page.close()
+        served.run(asyncio.sleep(0.5))
+        closed.set()
+        holding.join(PATIENCE_S)
+        moving = [bool(each.twist.any()) for each in commands.take()]
+        at_rest = [*moving, False].index(False)
+        assert not any(moving[at_rest:])

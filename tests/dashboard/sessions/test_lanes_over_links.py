@@ -60,8 +60,9 @@ def drive(link: str, sockets: int, seed: int, seconds: float) -> Arrivals:
 
     loop.every(PERIOD_S, send)
     loop.run(seconds)
-    times_s, newest = np.array(arrived).T
-    known = np.arange(newest[-1] + 1)
+    times_s = np.array([at_s for at_s, _ in arrived])
+    newest = [number for _, number in arrived]
+    known = range(newest[-1] + 1)
     delays_s = times_s[np.searchsorted(newest, known)] - np.array(sent_s)[: len(known)]
     gaps = int(np.sum(np.diff(times_s) > COMMAND_TIMEOUT_S))
     return Arrivals(60.0 * gaps / seconds, delays_s)

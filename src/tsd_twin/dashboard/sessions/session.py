@@ -136,8 +136,8 @@ class Session(PageSession):
         self._teleop.close()
         self._student.close()
         self._preview.end()
+        await self._lease_client.close()  # First, because lanes may deliver commands until the end.
         await asyncio.gather(*(lane.socket.close() for lane in self._queue.lanes))
-        await self._lease_client.close()
 
     @property
     def lane_count(self) -> int:
