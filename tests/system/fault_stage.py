@@ -39,6 +39,7 @@ AT_REST_MPS = 1e-3
 ANY_PORT = "tcp/127.0.0.1:0"
 MAX_COMMAND_PAUSE_S = 0.2
 """Maximum gap between statuses with newly accepted commands; periods are 50 ms and 20 ms."""
+_STATUS_PERIOD_S = 0.05
 _WITHHELD_PERIOD_S, _STAMPS_KEPT = 0.1, 10
 
 
@@ -126,9 +127,16 @@ class Observer:
             heard = wait_for(self._news, condition)
             assert heard, f"never: {what}; {self.status}; {self.truth[-1:]}"
 
-    def until_time(self, time_s: float) -> None:
-        """Wait until samples up to a time have arrived."""
-        self.until(lambda: self.truth[-1][0] >= time_s, f"a truth of {time_s}")
+    def until_time(self, time_s: float, ended: Callable[[], bool] = lambda: False) -> None:
+        """Wait until samples up to a time have arrived, or until something has ended."""
+        self.until(lambda: self.truth[-1][0] >= time_s or ended(), f"a truth of {time_s}")
+
+    def end_command_pauses(self) -> None:
+        """Note the last pause; a status may have shown the command before it one period late."""
+        with self._news:
+            if self.command_pauses is not None:
+                self.command_pauses.note(time.monotonic() + _STATUS_PERIOD_S)
+            self.command_pauses = None
 
     def until_speed(self, speed_mps: float = SPEED_MPS) -> None:
         """Wait until the robot has been as fast as it was asked to be for some samples."""

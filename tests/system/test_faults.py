@@ -80,9 +80,9 @@ def test_without_a_fault_a_held_stick_keeps_driving(scene: FaultStage) -> None:
     observer.command_pauses = commands = Pauses(os.getpid(), *(it.process.pid for it in programs))
     before, end_s = observer.status.stops, time.monotonic() + HELD_S
     # After a release, nothing is commanded any more, whatever the machine does.
-    observer.until(lambda: observer.truth[-1][0] >= end_s or page.count("released") > 0, "the end")
-    observer.pauses = observer.command_pauses = None
-    commands.note(time.monotonic())
+    observer.until_time(end_s, lambda: page.count("released") > 0)
+    observer.pauses = None
+    observer.end_command_pauses()
     assert states.longest_s < MAX_PAUSE_S
     assert commands.longest_s < MAX_COMMAND_PAUSE_S
     if states.on_the_clock_s < MAX_PAUSE_S and commands.on_the_clock_s < MAX_COMMAND_PAUSE_S:

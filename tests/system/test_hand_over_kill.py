@@ -89,7 +89,8 @@ class Two:
         page.drive(SPEED_MPS)
         observer = self.robot.observer
         observer.until_speed(SPEED_MPS)
-        self._stops = observer.status.stops
+        self._driver, self._stops = page, observer.status.stops
+        self._released = len(page.all("released"))
         observer.command_pauses = self._pauses = Pauses(*self._pids)
 
     def kept_for_bob(self) -> None:
@@ -126,13 +127,16 @@ class Two:
     def drives_on(self, fault_s: float) -> None:
         """Fail if the robot began to stop since, unless the machine delayed its commands."""
         observer = self.robot.observer
-        observer.until_time(fault_s + 0.6)  # Longer than a command is valid.
-        observer.command_pauses = None
-        self._pauses.note(time.monotonic())
+        # Longer than a command is valid. After a release, nothing is commanded any more.
+        observer.until_time(fault_s + 0.6, self._is_released)
+        observer.end_command_pauses()
         assert self._pauses.longest_s < MAX_COMMAND_PAUSE_S
         if self._pauses.on_the_clock_s < MAX_COMMAND_PAUSE_S:
             assert observer.gets_fast(0.0, SPEED_MPS)
             assert observer.status.stops == self._stops
+
+    def _is_released(self) -> bool:
+        return len(self._driver.all("released")) > self._released
 
 
 def lease_in(page: Page) -> dict[str, Any]:
