@@ -13,10 +13,9 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Generator, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator
+from contextlib import ExitStack
 from http import HTTPStatus
-from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -28,20 +27,13 @@ from websockets.http11 import Request, Response
 from bench.page import opened
 from bench.peers import ready
 from bench.programs import dashboard, mock, program, python, tool, until
-from bench.response import take_control
 from bench.table import Row, Run, percentile
 from tsd_twin.bus import Bus, as_client, client_config
 from tsd_twin.camera.lens import Lens
 from tsd_twin.camera.publisher import CameraPublisher, encode_jpeg
 from tsd_twin.camera.setup_file import CameraSetup
 from tsd_twin.camera.sources import CameraFrame
-from tsd_twin.messages import topics
-from tsd_twin.messages.commands import decode_command
 from tsd_twin.messages.pictures import CameraName
-from tsd_twin.messages.topics import Sample
-
-Arrivals: TypeAlias = list[tuple[float, int]]
-"""Wall-clock times in ms and numbers of commands."""
 
 SIZE = 1280, 720
 RATE_HZ = 30.0
@@ -58,17 +50,12 @@ _SETTLED_S = 20.0
 _THIN_ROUNDS = 3
 """Minutes with pictures over the thin link, and minutes with and without for commands."""
 _CONNECT_S = 10.0
-_STEP = 1e-5
-"""Turn rate per number of a command, rad/s."""
-_HELD_S = 2.0
-_DISARMED_S = 12.0
-"""Time after which a robot whose page was closed is disarmed, with a margin."""
 _PATIENCE_MS = 60_000.0
 
 WATCH = f"""
 window.ages = [];
 window.samples = [];
-window.commands = [];
+window.trips = [];
 window.stampMs = 0;
 window.reads = true;
 const wall = () => performance.timeOrigin + performance.now();
@@ -95,17 +82,22 @@ window.WebSocket = class extends Plain {{
   constructor(...words) {{
     super(...words);
     if (!String(words[0]).includes("teleop")) return;
+    const sent = new Map();
     const send = this.send.bind(this);
     this.send = (text) => {{
       const message = JSON.parse(text);
-      if (message.t !== "drive") return send(text);
-      window.commands.push([message.number, wall()]);
-      send(JSON.stringify({{ ...message, vx: 0, vy: 0, omega: {_STEP} * message.number }}));
+      if (message.t === "heartbeat") sent.set(message.sent_ms ?? text, performance.now());
+      send(text);
     }};
+    this.addEventListener("message", ({{ data }}) => {{
+      const message = JSON.parse(data);
+      const atMs = message.t === "heartbeat" && sent.get(message.sent_ms ?? data);
+      if (atMs) window.trips.push(performance.now() - atMs);
+    }});
   }}
 }};
 """
-"""Records the age of each picture in the frame after it, and numbers commands by turn rate."""
+"""Records the age of each picture in the frame after it, and the round trips of heartbeats."""
 BARE = """() => {
   const canvas = document.body.appendChild(document.createElement("canvas"));
   const socket = new WebSocket(location.href.replace("http", "ws"));
@@ -144,20 +136,17 @@ def rows(run: Run) -> Iterator[Row]:
             rounds=3,
         )
         seconds = run.pick(20.0, 1.5)
-        arrived = stack.enter_context(_arrivals(endpoint))
         yield from run.alternate(
             ["pictures.command"],
-            lambda: [_command_ms(run, page, url, seconds, arrived, pictures=True)],
-            lambda: [_command_ms(run, page, url, seconds, arrived, pictures=False) + _MORE_MS],
+            lambda: [_trip_ms(run, page, url, seconds, pictures=True, reads=False)],
+            lambda: [_trip_ms(run, page, url, seconds, pictures=False) + _MORE_MS],
             rounds=3,
         )
         if run.wants("pictures.thin_rate", "pictures.thin_old", "pictures.thin_command"):
-            yield from _thin(run, stack, page, endpoint, arrived)
+            yield from _thin(run, stack, page, endpoint)
 
 
-def _thin(
-    run: Run, stack: ExitStack, page: Page, endpoint: str, arrived: Arrivals
-) -> Iterator[Row]:
+def _thin(run: Run, stack: ExitStack, page: Page, endpoint: str) -> Iterator[Row]:
     """Measure over a link between browser and dashboard, which the scene shares."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         near = f"127.0.0.1:{free.getsockname()[1]}"
@@ -179,8 +168,8 @@ def _thin(
         old = sum(each > OLD_MS for each in samples) / len(samples)
         return page.evaluate("ages.length") / seconds, 100.0 * old
 
-    def command_ms(*, pictures: bool) -> float:
-        return _command_ms(run, page, far, seconds, arrived, pictures=pictures, is_main=pictures)
+    def trip_ms(*, pictures: bool) -> float:
+        return _trip_ms(run, page, far, seconds, pictures=pictures, is_main=pictures, reads=False)
 
     def note() -> str:
         return f"{found['px']:.0f} px wide, {THIN}" if found else THIN
@@ -196,60 +185,29 @@ def _thin(
     )
     yield from run.alternate(
         ["pictures.thin_command"],
-        lambda: [command_ms(pictures=True)],
-        lambda: [command_ms(pictures=False) + _MORE_THIN_MS],
+        lambda: [trip_ms(pictures=True)],
+        lambda: [trip_ms(pictures=False) + _MORE_THIN_MS],
         rounds=_THIN_ROUNDS,
         note=note,
     )
 
 
-@contextmanager
-def _arrivals(endpoint: str) -> Generator[Arrivals]:
-    """Record the wall-clock time in ms and the number of each command on the bus."""
-    arrived: Arrivals = []
-
-    def note(sample: Sample) -> None:
-        turn_rate = decode_command(sample).twist[-1]
-        if turn_rate != 0.0:
-            arrived.append((1e3 * time.time(), round(turn_rate / _STEP)))
-
-    with Bus(as_client(client_config([endpoint]), _CONNECT_S)) as bus:
-        bus.subscribe(topics.TWIST.key("*"), note)
-        yield arrived
-
-
-def _command_ms(
+def _trip_ms(
     run: Run,
     page: Page,
     url: str,
     seconds: float,
-    arrived: Arrivals,
     *,
     pictures: bool,
     is_main: bool = False,
+    reads: bool = True,
 ) -> float:
-    """Return the 99th percentile of the delay until a command or a newer one is on the bus."""
+    """Return the 99th percentile of the heartbeats' round trips on the socket of commands."""
     page.goto(url)
     page.evaluate(f"localStorage.setItem('tsd-pictures', '{str(pictures).lower()}')")
-    settled_s = run.pick(_SETTLED_S, _DISARMED_S)
-    shown(page, url, settled_s, 0.0, pictures=pictures, is_main=is_main, reads=False)
-    take_control(page)
-    arrived.clear()
-    page.evaluate("commands.length = 0")
-    for _ in range(max(1, round(seconds / _HELD_S))):
-        page.keyboard.down("q")
-        page.wait_for_timeout(1e3 * _HELD_S)
-        page.keyboard.up("q")
-    page.wait_for_timeout(1e3 * _HELD_S)  # Commands may still be on their way.
-    times_ms, numbers = np.array(arrived).T
-    newest = np.maximum.accumulate(numbers)
-    sent: list[tuple[int, float]] = page.evaluate("commands")
-    delays = [
-        float(times_ms[i] - sent_ms)
-        for number, sent_ms in sent
-        if (i := int(np.searchsorted(newest, number))) < len(newest)
-    ]
-    return percentile(delays, 0.99)
+    settled_s = run.pick(_SETTLED_S, 3.0)
+    shown(page, url, settled_s, seconds, pictures=pictures, is_main=is_main, reads=reads)
+    return percentile(page.evaluate("trips"), 0.99)
 
 
 def shown(
@@ -275,7 +233,7 @@ def shown(
     if pictures:
         until(lambda: page.evaluate("window.stampMs > 0"), 60.0)
     page.wait_for_timeout(1e3 * settled_s)
-    page.evaluate(f"ages.length = samples.length = 0; reads = {str(reads).lower()}")
+    page.evaluate(f"ages.length = samples.length = trips.length = 0; reads = {str(reads).lower()}")
     page.wait_for_timeout(1e3 * seconds)
 
 

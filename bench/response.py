@@ -76,7 +76,6 @@ def rows(run: Run) -> Iterator[Row]:
         with browser() as fresh, bare_page() as bare_url:
             page, bare = opened(fresh, url), opened(fresh, bare_url)
             take_control(page)
-            page.evaluate("blocksMs.splice(0)")  # Discard records from loading the page.
             yield from run.alternate(
                 ["response.command", "response.block"],
                 lambda: (move(page, moves), max(page.evaluate("blocksMs.splice(0)"), default=1.0)),
@@ -99,6 +98,7 @@ def take_control(page: Page) -> None:
     for name in ("Take control", "Arm"):
         page.get_by_role("button", name=name, exact=True).click(timeout=PATIENCE_MS)
     page.get_by_role("status", name="Mode").get_by_text("Ready").wait_for(timeout=PATIENCE_MS)
+    page.evaluate("blocksMs.splice(0)")  # Discard records from loading the page.
 
 
 def move(page: Page, moves: int) -> float:
