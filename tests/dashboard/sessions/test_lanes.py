@@ -160,6 +160,11 @@ def test_copies_of_a_stop_stop_once_and_another_stop_again(driver: Driver) -> No
     page.answer("arm", t="arm")
     page.until(lambda: page.mode == "ready")
     assert page.state["status"]["stops"] == stops
+    driver.drive(1, 1, 0.1)
+    driver.send(3, t="stop", number=1)
+    commands = CommandRecorder(driver.served, page)
+    driver.drive(1, 2, 0.1)
+    assert any(command.twist.any() for command in commands.take())
     driver.send(2, t="stop", number=2)
     page.until(lambda: page.mode == "stopped")
 

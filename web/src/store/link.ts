@@ -64,7 +64,7 @@ export class Link {
     () => socketAddress("teleop/lane", { page: this.page }),
     (text) => this.#receive(JSON.parse(text) as Incoming),
   );
-  #number = 0; // Of the latest message that may travel over any socket.
+  #number = 0; // Counts the messages that may travel over any socket.
   #requestedRobot: string | null = null;
   #loadingBeats = LOADING_BEATS;
   trips: number[] = [];
@@ -113,7 +113,7 @@ export class Link {
     return true;
   }
 
-  /** Return a message with what the dashboard needs if another socket delivers it late. */
+  /** Number a message, so that the dashboard recognizes it if another socket delivers it late. */
   #numbered(message: PageMessage | RecordedPageMessage): object {
     if (message.t === "heartbeat" || !(LATEST.has(message.t) || URGENT.has(message.t)))
       return message;

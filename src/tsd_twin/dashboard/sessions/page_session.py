@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 from abc import ABC, abstractmethod
-from collections import deque
 from collections.abc import AsyncIterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -42,7 +41,6 @@ from tsd_twin.security import Role
 from tsd_twin.security.router_rules import EVERY_ROBOT
 
 VIEWER_REFUSAL = because(Code.VIEWER)
-_KEPT_STOPS = 64
 CommonMessage: TypeAlias = PageHeartbeat | SelectPlotFields | SetFrame | SetView | ShowFleet
 """Messages that all sessions handle alike."""
 WATCH_REFUSAL = because(Code.WATCH_ONLY)
@@ -84,7 +82,6 @@ class PageSession(ABC):
         self._queue = SendQueue()
         self._stops = PageStops(live, self._operator, self.send)
         self._stops.name = shown_name(self.principal, socket.name)
-        self._stop_numbers: deque[int] = deque(maxlen=_KEPT_STOPS)
         self._plot_fields: Sequence[str] = ()
         self._shows_map = False
 
@@ -155,15 +152,11 @@ class PageSession(ABC):
         self._scene.draw(self.page, "robot", lambda view: view.select_robot(robot_id))
 
     def _echo(self, message: PageHeartbeat, lane: Lane | None = None) -> None:
-        """Answer a heartbeat on the socket over which it came, whose round trip it measures."""
+        """Answer a heartbeat on the socket that it measures."""
         (lane or self._queue).put(encode_message(HeartbeatReply(sent_ms=message.sent_ms)))
 
     def _stop(self, message: StopCommand, shown: str | None) -> Sequence[RobotMonitor]:
         """Publish a stop and return the robots addressed; the page shows robot `shown`."""
-        if message.number in self._stop_numbers:
-            return ()  # A copy that came over another socket.
-        if message.number > 0:
-            self._stop_numbers.append(message.number)
         if self.principal.may_stop:
             return self._stops.stop(message, shown)
         self.send(ActionReply(to="stop", ok=False, why=VIEWER_REFUSAL))

@@ -6,6 +6,7 @@ Outgoing states, events and replies have no effect on the robot.
 from __future__ import annotations
 
 import asyncio
+from collections import deque
 from collections.abc import Mapping
 
 import msgspec
@@ -78,6 +79,8 @@ _HOLDER_SERVICES: Mapping[type[ArmRequest | DisarmRequest | ResetRequest], Servi
     ResetRequest: Service.RESET,
 }
 
+_KEPT_STOPS = 64
+
 
 class Session(PageSession):
     """Session for a live page on the event loop; calls to a robot run as tasks of the session."""
@@ -108,6 +111,7 @@ class Session(PageSession):
         self._preview = PreviewSession(page, self._directory, scene, self._queue)
         self._motion: DriveCommand | FollowPlan | None = None
         self._motion_number = 0
+        self._stop_numbers: deque[int] = deque(maxlen=_KEPT_STOPS)
         self._selection = 0
         self._map_data = map_data
         self._shows_shadow = False
@@ -177,7 +181,7 @@ class Session(PageSession):
         except MessageError as error:
             self.reject(error)
             return
-        if isinstance(message, MotionMessage) and self._is_late(message):
+        if self._is_overtaken(message):
             return
         match message:
             case StopCommand():
@@ -198,6 +202,16 @@ class Session(PageSession):
                 self._move()
         self._try(message)
 
+    def _is_overtaken(self, message: PageMessage) -> bool:
+        """Return whether a message over another socket has made this one void."""
+        match message:
+            case StopCommand():
+                return self._is_copy(message)
+            case MotionMessage():
+                return self._is_late(message)
+            case _:
+                return False
+
     def _is_late(self, message: MotionMessage) -> bool:
         """Return whether a newer one has arrived over another socket, or the robot is another."""
         if message.number > 0:
@@ -206,6 +220,14 @@ class Session(PageSession):
             self._motion_number = message.number
         stops = isinstance(message, ReleaseControls)
         return not stops and message.selection not in (0, self._selection)
+
+    def _is_copy(self, message: StopCommand) -> bool:
+        """Return whether the same press of STOP has arrived over another socket."""
+        if message.number in self._stop_numbers:
+            return True
+        if message.number > 0:
+            self._stop_numbers.append(message.number)
+        return False
 
     def _move(self) -> None:
         message, self._motion = self._motion, None
@@ -413,8 +435,7 @@ def _check_lane_message(message: PageMessage) -> None:
     """
     if not isinstance(message, LaneMessage):
         raise MessageError("shape", "not a message for a lane")
-    moves = isinstance(message, DriveCommand | FollowPlan)
-    if isinstance(message, MotionMessage | StopCommand) and message.number == 0:
-        raise MessageError("shape", "a message on a lane needs a number")
-    if moves and message.selection == 0:
+    if isinstance(message, MotionMessage) and message.number == 0:
+        raise MessageError("shape", "a motion message on a lane needs a number")
+    if isinstance(message, DriveCommand | FollowPlan) and message.selection == 0:
         raise MessageError("shape", "a command on a lane needs a selection")
