@@ -31,7 +31,7 @@ SOCKETS = (1, 2, 1 + MAX_LANES, 2 * (1 + MAX_LANES))
 
 @dataclass(frozen=True, slots=True)
 class Arrivals:
-    """Commands of one drive that were newer than all before, as they arrived."""
+    """Arrival of commands that are newer than all earlier ones, in a single drive."""
 
     gaps_per_min: float
     """Times without one for longer than the dashboard waits for a page."""

@@ -45,8 +45,8 @@ export class FakeSocket {
   }
 
   /**
-   * Return the messages of these types, or all but heartbeats and views, and forget all. What
-   * orders them among sockets is left out.
+   * Return the messages of these types, or all but heartbeats and views, and forget all. Numbers
+   * that order them among sockets are omitted.
    */
   take(...types: string[]): Message[] {
     const isAsked = ({ t }: Message) =>
