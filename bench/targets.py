@@ -92,7 +92,7 @@ TARGETS: dict[str, Target] = {
     ),
     "page.delay_p50": Target(1.6, "status to screen", "without the scene", "ms"),
     "page.delay_p90": Target(1.5, "status to screen", "without the scene", "ms"),
-    "response.picture": Target(1, "first picture", "allowed", "s", provisional=False),
+    "response.picture": Target(1, "portrait, mode and STOP", "allowed", "s", provisional=False),
     "response.command": Target(
         1, "stick to command, p99", "bare page and 8 ms", "ms", provisional=False
     ),

@@ -20,7 +20,7 @@ export function setParameters(address: URL): boolean {
   socket.searchParams.set("look", `${colours}-${inSoftware ? "plain" : "rich"}-frame`);
   given.set("websocket", socket.href);
   if (colours === "dark") given.set("darkMode", "");
-  if (inSoftware && !given.has("fixedDpr")) given.set("fixedDpr", softwareDpr().toFixed(2));
+  if (inSoftware) given.set("fixedDpr", softwareDpr(Number(given.get("pixels"))).toFixed(2));
   history.replaceState(history.state, "", address);
   return inSoftware;
 }
@@ -35,7 +35,6 @@ function drawsInSoftware(): boolean {
 }
 
 /** Scene pixels per page pixel (linear), limited so that software rendering keeps up. */
-function softwareDpr(): number {
-  const pixels = Math.max(1, innerWidth * innerHeight);
-  return Math.max(LEAST_DPR, Math.min(1, Math.sqrt(SOFTWARE_PIXELS / pixels)));
+function softwareDpr(pagePixels: number): number {
+  return Math.max(LEAST_DPR, Math.min(1, Math.sqrt(SOFTWARE_PIXELS / Math.max(1, pagePixels))));
 }

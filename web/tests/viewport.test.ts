@@ -43,6 +43,13 @@ test("The view has the page's address with another port, or at another origin.",
   expect(viewportAddress("https://a.example:8080/", "https://a.example").port).toBe("");
 });
 
+test("The view is told its size, which it does not know when it starts.", () => {
+  vi.spyOn(document.body, "clientWidth", "get").mockReturnValue(1000);
+  vi.spyOn(document.body, "clientHeight", "get").mockReturnValue(640);
+  expect(new URL(open().frame.src).searchParams.get("pixels")).toBe("640000");
+  vi.restoreAllMocks();
+});
+
 test("If the second port stays silent, the view comes from the page's origin.", () => {
   const { frame } = open();
   vi.advanceTimersByTime(4_900);

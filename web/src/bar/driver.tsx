@@ -107,7 +107,7 @@ export function Question() {
   return (
     <>
       <span class="sr" role="alert">
-        {asks}
+        {asks || null}
       </span>
       {requester !== null && path.going.value && (
         <div class="asks" role="group" aria-label={bar.request}>

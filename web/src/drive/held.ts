@@ -48,6 +48,9 @@ interface PointerCallbacks {
   gone: (event: PointerEvent) => void;
 }
 
+// Browsers hold back the second until they paint, which takes up to 0.4 s beside a slow scene. They
+// have the first on secure pages only.
+const MOVES = ["pointerrawupdate", "pointermove"] as const;
 const POINTER_ENDS = ["pointerup", "pointercancel", "lostpointercapture"] as const;
 
 /** Pointer on a control, from pointerdown until released, cancelled or lost. */
@@ -75,7 +78,8 @@ export class HeldPointer {
       gone(event);
     };
     node.addEventListener("pointerdown", grab, { signal });
-    node.addEventListener("pointermove", (event) => isOwn(event) && moved?.(event), { signal });
+    const move = (event: Event) => isOwn(event as PointerEvent) && moved?.(event as PointerEvent);
+    for (const type of MOVES) node.addEventListener(type, move, { signal });
     for (const end of POINTER_ENDS) node.addEventListener(end, drop, { signal });
     node.addEventListener("contextmenu", (event) => event.preventDefault(), { signal });
   }

@@ -49,7 +49,7 @@ export function Modes() {
           tabIndex={isShown ? 0 : undefined}
           aria-live={path.route.value?.phase === "going" ? "off" : "polite"}
         >
-          {pathText(path)}
+          {pathText(path) || null}
         </span>
         {isShown && <Button icon="close" label={labels.clear} onPress={() => path.clear()} />}
       </div>

@@ -74,7 +74,7 @@ export function Happenings({ list, onSeek }: HappeningsProps) {
             onClick={() => onSeek(atS)}
           >
             <Icon name={ICONS[kind]!} />
-            <bdi>{items.length > 1 ? count : label}</bdi>
+            <bdi>{items.length > 1 ? count : label || null}</bdi>
           </button>
         );
       })}

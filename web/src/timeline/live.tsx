@@ -14,6 +14,7 @@ import { BACK_S } from "./look_back";
 import { ListButton } from "./recordings";
 
 const KEY_STEP_S = 5;
+const STEP_MS = 100; // Less than half of it cannot be seen.
 
 export function Live() {
   const { keyboard, link, lookBack } = useSession();
@@ -22,7 +23,7 @@ export function Live() {
     const back = () => lookBack.look((lookBack.agoS.peek() ?? 0) + KEY_STEP_S);
     return keyboard.bind({ KeyB: back, KeyL: () => lookBack.look(0) });
   }, [lookBack, keyboard]);
-  const nowMs = performance.now();
+  const nowMs = STEP_MS * Math.round(performance.now() / STEP_MS);
   const { kind } = freshness(link);
   const agoS = lookBack.agoS.value;
   const ago = agoS === null ? null : timeline.ago(figure(agoS, 1));
@@ -123,7 +124,7 @@ const KINDS: Record<string, string> = {
 };
 
 function recent(link: Link): Happening[] {
-  const nowMs = Date.now();
+  const nowMs = STEP_MS * Math.round(Date.now() / STEP_MS);
   return link.history.value.flatMap(({ kind: name, why, atMs }) => {
     const kind = KINDS[name === "mode" ? String(why.params?.["after"]) : name];
     const agoS = (nowMs - atMs) / 1000;

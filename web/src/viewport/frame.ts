@@ -99,6 +99,7 @@ export class Viewport {
     address.searchParams.set("page", page);
     if (recording !== null) address.searchParams.set("recording", recording);
     address.searchParams.set("look", dark ? "dark" : "light");
+    address.searchParams.set("pixels", String(this.#hostArea)); // The frame has no size yet.
     this.#origin = address.origin;
     this.#frame.src = address.href;
     this.#fallBackIn(UNREACHED_MS);

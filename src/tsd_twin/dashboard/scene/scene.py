@@ -17,11 +17,13 @@ from tsd_twin.dashboard.scene.appearance import (
     TRAILS,
     TRUE_POSES,
     RobotRoster,
+    Theme,
 )
 from tsd_twin.dashboard.scene.picking import OnClick
 from tsd_twin.dashboard.scene.robot_geometry import robot_shape
 from tsd_twin.dashboard.scene.robot_overlays import RobotOverlays
 from tsd_twin.dashboard.scene.robot_visual import BatchedRobotMeshes, RobotVisual, VisualSource
+from tsd_twin.dashboard.scene.stage import add_lights
 from tsd_twin.dashboard.wire.view import TiltFactor
 from tsd_twin.lie import Array
 
@@ -57,6 +59,9 @@ class Scene:
         self._visuals: dict[str, RobotVisual] = {}
         self._meshes: dict[bytes, BatchedRobotMeshes] = {}
         self._postpones = False
+        # A client has lights of its own. These are for its first frame, which would otherwise
+        # prepare viser's lights and reflections: 5 s without a graphics card.
+        add_lights(server.scene, Theme.DARK, plain=True)
         self._world = server.scene.add_frame(ROOT, show_axes=False)
         self.on_robots_moved: Callable[[], None] = lambda: None
         """Called under the lock after robots were moved."""
