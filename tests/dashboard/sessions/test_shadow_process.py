@@ -70,45 +70,45 @@ def report_here(name: str, periods: list[list[TwinSample]]) -> ShadowReport:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_its_reports_are_those_of_a_twin_in_this_process(process: ShadowProcess, name: str) -> None:
-    periods, twin = drive(name), process.new_twin()
+    periods, twin = drive(name), process.new_twin(robots.load_robot(name))
     for first in range(0, PERIODS, 7):
         samples = [sample for period in periods[first : first + 7] for sample in period]
-        report = process.advance(twin, robots.load_robot(name), samples)
+        report = process.advance(twin, samples)
     assert report.compared_s > 0.2
     assert msgspec.json.encode(report) == msgspec.json.encode(report_here(name, periods))
 
 
 def test_invalid_messages_are_skipped(process: ShadowProcess) -> None:
-    periods, twin, robot = drive("kiwi"), process.new_twin(), robots.load_robot("kiwi")
+    periods, twin = drive("kiwi"), process.new_twin(robots.load_robot("kiwi"))
     invalid = [TwinSample(path, b"no", b"") for path in (STATUS.path, JOINTS.path, ODOM.path)]
     for period in periods:
-        report = process.advance(twin, robot, [*invalid, *period, *invalid])
+        report = process.advance(twin, [*invalid, *period, *invalid])
     assert report == report_here("kiwi", periods)
 
 
 def test_twins_begin_again_after_their_process_has_died(process: ShadowProcess) -> None:
-    periods, twin, robot = drive("kiwi"), process.new_twin(), robots.load_robot("kiwi")
+    periods, twin = drive("kiwi"), process.new_twin(robots.load_robot("kiwi"))
     for period in periods:
-        process.advance(twin, robot, period)
+        process.advance(twin, period)
     (child,) = children()
     child.kill()
     for period in periods[:30]:
-        report = process.advance(twin, robot, period)
+        report = process.advance(twin, period)
     assert report == report_here("kiwi", periods[:30])
     process.end(twin)
-    assert process.advance(twin, robot, []) == ShadowReport(0.0)
+    assert process.advance(twin, []) == ShadowReport(0.0)
 
 
 def test_a_process_that_never_answers_is_ended(
     process: ShadowProcess, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    twin, robot = process.new_twin(), robots.load_robot("kiwi")
-    process.advance(twin, robot, [])
+    twin = process.new_twin(robots.load_robot("kiwi"))
+    process.advance(twin, [])
     (child,) = children()
     monkeypatch.setattr(shadow_process, "ANSWER_TIMEOUT_S", 0.0)
     os.kill(child.pid, signal.SIGSTOP)
     with pytest.raises(TwinError, match="does not answer"):
-        process.advance(twin, robot, [])
+        process.advance(twin, [])
     assert not children()
 
 
@@ -117,4 +117,5 @@ def test_modules_in_the_current_folder_are_not_loaded(
 ) -> None:
     (tmp_path / "numpy.py").write_text("raise SystemExit('not the library')")
     monkeypatch.chdir(tmp_path)
-    assert process.advance(process.new_twin(), robots.load_robot("kiwi"), []) == ShadowReport(0.0)
+    twin = process.new_twin(robots.load_robot("kiwi"))
+    assert process.advance(twin, []) == ShadowReport(0.0)

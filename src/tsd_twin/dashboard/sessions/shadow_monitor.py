@@ -79,7 +79,7 @@ class ShadowMonitor:
                 self._thread, self._report = None, None
 
     def _compare(self) -> None:
-        link, twin = self._link, self._process.new_twin()
+        link, twin = self._link, self._process.new_twin(self._link.robot)
         with ExitStack() as open_streams:
             open_streams.callback(self._process.end, twin)
             streams = [
@@ -94,4 +94,4 @@ class ShadowMonitor:
                     for path, stream in streams
                     for each in stream.take_samples()
                 ]
-                self._report = self._process.advance(twin, link.robot, samples)
+                self._report = self._process.advance(twin, samples)

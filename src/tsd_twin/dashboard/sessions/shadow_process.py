@@ -9,11 +9,11 @@ from __future__ import annotations
 import contextlib
 import itertools
 import logging
+import pickle
 import subprocess
 import sys
 import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
@@ -50,12 +50,18 @@ class TwinSample(NamedTuple):
     attachment: bytes
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Request:
-    twin: int
-    robot: RobotDescription | None = None
-    """None ends the twin."""
-    samples: Sequence[TwinSample] = ()
+class TwinKey(NamedTuple):
+    """Key of a twin, from `ShadowProcess.new_twin`."""
+
+    number: int
+    robot: bytes
+    """Pickled description of its robot."""
+
+
+class _Request(NamedTuple):
+    twin: TwinKey
+    samples: Sequence[TwinSample] | None = None
+    """New messages; None ends the twin."""
 
 
 class ShadowProcess:
@@ -67,13 +73,12 @@ class ShadowProcess:
         self._process: subprocess.Popen[bytes] | None = None
         self._channel: Connection[_Request, ShadowReport | str] | None = None
 
-    def new_twin(self) -> int:
-        """Return the number of a new twin."""
-        return next(self._numbers)
+    def new_twin(self, robot: RobotDescription) -> TwinKey:
+        """Return the key of a new twin of a robot."""
+        # Pickled once, which takes longer than for the messages of a period.
+        return TwinKey(next(self._numbers), pickle.dumps(robot))
 
-    def advance(
-        self, twin: int, robot: RobotDescription, samples: Sequence[TwinSample]
-    ) -> ShadowReport:
+    def advance(self, twin: TwinKey, samples: Sequence[TwinSample]) -> ShadowReport:
         """Return the report of a twin after more messages; a new twin begins with them.
 
         If the process has died, its twins begin again in another one.
@@ -81,12 +86,12 @@ class ShadowProcess:
         Raises:
             TwinError: If the twin, or twice the process, has failed.
         """
-        answer = self._ask(_Request(twin, robot, samples))
+        answer = self._ask(_Request(twin, samples))
         if isinstance(answer, str):
             raise TwinError(answer)
         return answer
 
-    def end(self, twin: int) -> None:
+    def end(self, twin: TwinKey) -> None:
         """Forget a twin."""
         if self._process is not None:
             with contextlib.suppress(TwinError):
@@ -172,14 +177,15 @@ _STREAM_OF: Mapping[str, str] = {topic.path: name for name, topic in STREAMS.ite
 
 
 def _answer(twins: dict[int, _Twin], request: _Request) -> ShadowReport | str:
-    if request.robot is None:
-        twins.pop(request.twin, None)
+    number, robot = request.twin
+    if request.samples is None:
+        twins.pop(number, None)
         return ""
     try:
-        if request.twin not in twins:
-            twins[request.twin] = _Twin(request.robot)
-        return twins[request.twin].advance(request.samples)
+        if number not in twins:
+            twins[number] = _Twin(pickle.loads(robot))  # noqa: S301  The dashboard made it.
+        return twins[number].advance(request.samples)
     except Exception as error:  # The description and the messages come from the bus.
         _LOG.exception("a shadow twin has failed")
-        twins.pop(request.twin, None)
+        twins.pop(number, None)
         return f"a shadow twin has failed: {error}"
