@@ -1,8 +1,8 @@
 """Load generator for viewers: `python -m bench.viewers URL COUNT [drive|fleet|scene]`.
 
-It is a `counter`: of the viewer with the most data. With `drive`, the first viewer takes control
-and drives a circle. With `fleet`, each viewer selects one of the robots lab0, lab1, and so on, and
-the second to fifth drive. With `scene`, the address belongs to a plain viser server.
+The reported `counter` belongs to the viewer with the most data. With `drive`, the first viewer
+takes control and drives a circle. With `fleet`, each viewer selects one of the robots lab0, lab1,
+and so on, and the second to fifth drive. With `scene`, the address belongs to a plain viser server.
 """
 
 from __future__ import annotations

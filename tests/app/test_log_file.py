@@ -89,7 +89,7 @@ def _actions(parser: argparse.ArgumentParser) -> list[argparse.Action]:
 
 def _commands(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
     for action in _actions(parser):
-        if isinstance(action.choices, dict):  # Of parsers, by command.
+        if isinstance(action.choices, dict):  # Subparsers by command.
             for command in action.choices.values():
                 yield command
                 yield from _commands(command)

@@ -57,7 +57,7 @@ def test_the_figures_are_those_in_force() -> None:
 
 
 def limit_on(address: str, name: str) -> tuple[int, float]:
-    """Return the free tries, and the longest wait of one who goes on; `{}` is a number."""
+    """Return the free tries and the longest wait between later ones; `{}` is their number."""
     logins, now_s, waits_s, free = Logins(), 0.0, list[float](), 0
     for number in range(30):
         while (wait_s := logins.wait_s(address.format(number), name.format(number), now_s)) > 0.0:

@@ -40,9 +40,9 @@ def test_times_and_limits_are_those_of_the_code() -> None:
     rows = {row[0]: row[1] for row in tables(section(PAGE, "## Who may connect"))[0]}
     assert rows["clients"] == str(gateway.MOST_CLIENTS)
     assert rows["robots"] == str(fleet.MOST_ROBOTS)
-    assert rows["length of a message of a client"] == f"{gateway.LARGEST_BYTES // 1024} KiB"
-    flood = f"{gateway.MOST_MESSAGES:,} messages, {gateway.MOST_BYTES // 1024} KiB"
-    assert rows["of one client in a second"] == flood
+    assert rows["message length"] == f"{gateway.LARGEST_BYTES // 1024} KiB"
+    flood = f"{gateway.MOST_MESSAGES:,} messages, {gateway.MOST_BYTES // 1024} KiB per second"
+    assert rows["rate per client"] == flood
     assert rows["messages that wait for a slow client"] == str(sdk.BACKLOG)
 
 

@@ -183,7 +183,7 @@ def main() -> None:
     began, shares, said = time.monotonic(), [0.0], list[str]()
     with ProcessPoolExecutor(args.jobs) as pool:
         if args.runs:
-            print("| fault | runs | named within 10 s | of those a test could know | median |"
+            print("| fault | runs | named within 10 s | named, if the bound detects it | median |"
                   " wrong names | unknown part |\n" + "| --- " * 7 + "|")  # fmt: skip
         for i, (name, fault) in enumerate(KINDS.items()) if args.runs else ():
             seconds = fault.begin_s + 1.5 * WITHIN_S

@@ -22,7 +22,7 @@ from tsd_twin.dashboard.scene.robot_geometry import RobotShape
 from tsd_twin.lie import SE2, SO3
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.models import robot_urdf
-from tsd_twin.models.external import MOST_BYTES, read_urdf
+from tsd_twin.models.external_urdf import MOST_BYTES, read_urdf
 from tsd_twin.robots import ExternalDescription
 from tsd_twin.robots.external import MOST_JOINTS, NOT_PROMISED
 

@@ -140,7 +140,7 @@ def test_only_the_part_of_a_path_that_is_asked_about_has_to_be_free() -> None:
 
 @given(st.floats(-math.pi, math.pi), st.floats(0.1, 0.35))
 def test_a_path_in_a_disc_is_free_only_if_it_leads_out(angle: float, apart_m: float) -> None:
-    """The other robot came so near that its disc contains this one."""
+    """The other robot is so close that its disc contains this one."""
     path = NavigationGoal(GOAL[None]).route(SE2(np.zeros(3))).path
     disc = Disc("a", (apart_m * math.cos(angle), apart_m * math.sin(angle)), 0.4)
     nearest_m = apart_m * abs(math.sin(angle)) if math.cos(angle) > 0.0 else apart_m

@@ -48,7 +48,7 @@ def _dashboard_blocks(module: Any) -> None:
 
 
 def _declared(bus: Any, name: str, part: str) -> set[int]:
-    """Return the ids of all publishers or queryables declared from now on, by part of their key."""
+    """Record new publishers or queryables whose key contains `part`; return the set of ids."""
     declare, found = getattr(bus, name), set[int]()
 
     def record(it: Any, key: str, *args: Any, **kwargs: Any) -> Any:

@@ -359,9 +359,10 @@ def _carry(before: _FilterStep, steps: Sequence[_FilterStep]) -> None:
 def _change_sq(steps: Sequence[_FilterStep], now: _Measurement) -> Array:
     """Return the squared Mahalanobis distance (...) of the change since an earlier measured pose.
 
-    `now` is measured at the end of `steps`. The change is compared with the twists, whose errors
-    are constant, since the latest pose whose repetition would be rejected; 0 if there is none.
-    Earlier poses have the same covariance and biases, because they come from the same sensor.
+    `now` is measured at the end of `steps`. For each earlier pose, the change is compared with the
+    motion by the twists since then, whose errors are constant. Returns the distance from the latest
+    pose whose repetition would be rejected, or 0 without such a pose. All poses have the same
+    covariance and biases, because they come from the same sensor.
     """
     poses = [(i, each) for i, step in enumerate(steps[:-1]) for each in step.measured]
     poses = [(i, each.value) for i, each in poses if each.rows is _POSE]

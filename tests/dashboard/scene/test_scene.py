@@ -391,7 +391,7 @@ class KeptMeshes:
 def pose_region(
     server: viser.ViserServer,
 ) -> tuple[PoseRegion, viser.MeshHandle, viser.MeshHandle]:
-    """Return a region with the area and the wedge of one theme."""
+    """Return a region with its area and wedge in the dark theme."""
     scene: Any = KeptMeshes(server.scene)
     region = PoseRegion(scene, "/region", 0.2)
     return region, scene.meshes["/region/dark/p"], scene.meshes["/region/dark/w"]

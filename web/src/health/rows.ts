@@ -119,7 +119,7 @@ function fact(key: RowKey, value: string, level: Level, about = ""): Row {
   return { ...row, level, remedy: level ? remedyOf(key, about) : "" };
 }
 
-/** What to do about a reading; `about` is its limit, or an object. */
+/** Remedy for a reading outside its limit; `about` is the limit or the affected object. */
 export function remedyOf(key: string, about: string): string {
   const text = texts().health.remedies[key] ?? "";
   return typeof text === "string" ? text : text(about);

@@ -1,11 +1,11 @@
-// The deck on a page, with what a hand does to it.
+// The deck on a page, with simulated input.
 
 import { act } from "preact/test-utils";
 import { Deck } from "../../src/deck/deck";
 import { draw } from "./draw";
 import { openPage } from "./page";
 
-/** Open a page and draw its deck; what `does` changes is drawn on return. */
+/** Open a page and draw its deck; changes made by `does` are drawn when it returns. */
 export function openDeck() {
   const page = openPage();
   const box = document.body.appendChild(document.createElement("div"));

@@ -1,4 +1,4 @@
-// A page without a dashboard: the test sends the messages, and reads what the page has sent.
+// A page without a dashboard: the test sends messages and reads the page's replies.
 
 import { vi } from "vitest";
 
@@ -26,7 +26,7 @@ export interface FakePage {
   /** Messages of a kind that the page has sent. */
   sent: (kind: string) => Record<string, unknown>[];
   disconnect: () => void;
-  /** Let time pass, with heartbeats. */
+  /** Advance the time, with heartbeats. */
   pass: (ms: number) => void;
 }
 

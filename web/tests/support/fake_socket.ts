@@ -1,4 +1,4 @@
-// The other end of a page's socket, and a window of its own for each page of a test file.
+// Server end of a page's socket, and a separate window for each page of a test file.
 
 import { vi } from "vitest";
 
@@ -28,7 +28,7 @@ export class FakeSocket {
     }
   }
 
-  /** Note a message; a heartbeat comes back at once, so that the link stays connected. */
+  /** Record a message; echo heartbeats immediately, so that the link stays connected. */
   send(text: string): void {
     const message = JSON.parse(text) as Message;
     this.sent.push(message);

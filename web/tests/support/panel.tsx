@@ -1,4 +1,4 @@
-// The panel on a page, with what a hand does to it.
+// The panel on a page, with simulated input.
 
 import { act } from "preact/test-utils";
 import { Panel } from "../../src/panel/panel";
@@ -18,7 +18,7 @@ export const GIMBALS = {
   alternative_estimate: null,
 };
 
-/** Open a page and draw its panel; what `does` changes is drawn on return. */
+/** Open a page and draw its panel; changes made by `does` are drawn when it returns. */
 export function openPanel() {
   const page = openPage();
   const consistency = { residual_mps: 0, suspect: null, level: 0, contributions: {} };
@@ -41,7 +41,7 @@ export function openPanel() {
     does(() => one!.click());
   };
   const state = (...args: State) => does(() => send(...args));
-  /** Let time pass; a robot that is not silent sends a state every 50 ms. */
+  /** Advance the time; with a `status`, the robot sends a state every 50 ms. */
   const pass = (ms: number, status?: State[0]) =>
     does(() => {
       for (let i = 0; i < ms; i += 10) {
@@ -50,7 +50,7 @@ export function openPanel() {
       }
     });
   const say = (message: object) => does(() => page.say(message));
-  /** Take a slider by its label and move the thumb to a share of the way, from -1 at the left. */
+  /** Drag the thumb of a labelled slider to `share` of its range, from -1 (left) to 1. */
   const drag = (label: string, share: number) => {
     const track = find(`[aria-label="${label}"][role=slider]`);
     place(track, 200, 44);

@@ -44,7 +44,7 @@ from tsd_twin.messages.ros_types import (
     make_message,
     make_twist,
 )
-from tsd_twin.models.external import MOST_BYTES, geometry_toml, read_urdf, stand_in
+from tsd_twin.models.external_urdf import MOST_BYTES, geometry_toml, read_urdf, stand_in
 from tsd_twin.models.links import roll_pitch_yaw
 from tsd_twin.robots import ExternalDescription, parse_description
 from tsd_twin.robots.external import ExternalGeometry

@@ -60,7 +60,7 @@ function show(t_s) {
   const field = document.querySelector("input[inputmode]");
   if (!(field instanceof HTMLInputElement)) return;
   const value = Math.min(Math.max(t_s, 0), recording.duration_s).toFixed(2);
-  // As typing does: the bar hears only what comes through the setter of the browser itself.
+  // Use the browser's own setter, as typing does; the bar reacts to no other assignment.
   Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value")?.set?.call(field, value);
   field.dispatchEvent(new Event("input", { bubbles: true }));
 }

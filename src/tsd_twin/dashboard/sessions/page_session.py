@@ -156,7 +156,7 @@ class PageSession(ABC):
         (lane or self._queue).put(encode_message(HeartbeatReply(sent_ms=message.sent_ms)))
 
     def _stop(self, message: StopCommand, shown: str | None) -> Sequence[RobotMonitor]:
-        """Publish a stop and return the robots addressed; the page shows robot `shown`."""
+        """Publish a stop and return its target robots; `shown` is the robot that the page shows."""
         if self.principal.may_stop:
             return self._stops.stop(message, shown)
         self.send(ActionReply(to="stop", ok=False, why=VIEWER_REFUSAL))
