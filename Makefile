@@ -58,8 +58,8 @@ bench: .venv/.dev ## Measure ratios to peers in the same run; ARGS=bus is one pa
 attack: .venv/.dev ## Attack live processes and compare with what is promised; ARGS=commands is one part
 	$(BIN)/python -m attack $(ARGS)
 
-soak: .venv/.dev ## Drive for half an hour, or SECONDS=60, while viewers come and go; nothing may grow
-	$(BIN)/python -m bench.soak --seconds $(SECONDS)
+soak: .venv/.dev ## Drive for half an hour, or SECONDS=60, while viewers come and go; nothing may grow; ARGS=--fleet
+	$(BIN)/python -m bench.soak --seconds $(SECONDS) $(ARGS)
 SECONDS := 1800
 
 format: .venv/.dev .venv/.web ## Format and mend what can be mended

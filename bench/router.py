@@ -10,7 +10,7 @@ import os
 import statistics
 import tempfile
 import threading
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,6 +43,10 @@ class RoutedFleet:
     endpoint: str
     folder: Path
     """Configurations of the router, the robots and the operator."""
+    programs: Mapping[str, program]
+    """All programs by name."""
+    url: str
+    """Address of the dashboard."""
 
     @property
     def config(self) -> Path:
@@ -75,14 +79,29 @@ def routed_fleet(*reserved: str) -> Generator[RoutedFleet]:
         endpoint = make_router_keys(folder, ["lab1", *OTHERS, *reserved])
         router = tool("tsd_router", str(folder / "router.json5"))
         stack.enter_context(router)
-        it = RoutedFleet(router, endpoint, folder)
-        measured = ("--id", "lab1", "--zenoh-config", str(folder / "lab1.json5"))
-        stack.enter_context(tool("tsd_mock", *measured))  # A process, like the direct one.
-        fleet = ("--id", "idle", "--count", str(len(OTHERS)), "--zenoh-config", str(folder))
-        stack.enter_context(tool("tsd_mock", *fleet))
-        stack.enter_context(tool("tsd_dashboard", "--port", "0", "--zenoh-config", str(it.config)))
+        # A process, like the direct one.
+        measured = tool("tsd_mock", "--id", "lab1", "--zenoh-config", str(folder / "lab1.json5"))
+        stack.enter_context(measured)
+        others = robots_of(folder, "idle", len(OTHERS))
+        stack.enter_context(others)
+        config = str(folder / f"{OPERATOR}.json5")
+        dashboard = tool("tsd_dashboard", "--port", "0", "--zenoh-config", config)
+        url = stack.enter_context(dashboard)
+        programs = {
+            "tsd-router": router,
+            "tsd-mock, lab1": measured,
+            f"tsd-mock, {len(OTHERS)} robots": others,
+            "tsd-dashboard": dashboard,
+        }
+        it = RoutedFleet(router, endpoint, folder, programs, url)
         stack.enter_context(_driven(it, DRIVEN[1:]))
         yield it
+
+
+def robots_of(folder: Path, name: str, count: int) -> program:
+    """Return simulated robots of a router, in one process, named `name` with a number from 1."""
+    robots = ("--id", name, "--count", str(count), "--zenoh-config", str(folder))
+    return tool("tsd_mock", *robots)
 
 
 def rows(run: Run) -> Iterator[Row]:

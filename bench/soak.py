@@ -1,7 +1,8 @@
 """`make soak`: drive and visit robot and dashboard, as real processes, for a given time.
 
-Exits with a non-zero code if a process dies or grows, connecting becomes slow, a viewer is
-disconnected, or no client gets to drive.
+With `--fleet`, a router with 20 robots, of which four are driven all the time, while other robots
+join and leave as well. Exits with a non-zero code if a process dies or grows, connecting becomes
+slow, a viewer is disconnected, a connection is left over, or no client gets to drive.
 """
 
 from __future__ import annotations
@@ -13,14 +14,18 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import psutil
 
 from bench.programs import dashboard as dashboard_program
 from bench.programs import mock as mock_program
-from bench.visits import drivers, visit, visitors
+from bench.programs import program
+from bench.router import robots_of, routed_fleet
+from bench.visits import drivers, guests, visit, visitors
 
 HALF_AN_HOUR_S = 1800.0
 SHORTEST_S = 15.0
@@ -30,6 +35,9 @@ SLACK_MB = 16.0
 CONNECT_S = 1.0
 
 _VISITORS = 3
+GUESTS = 5
+_CLOSED_S = 20
+"""Time in seconds for connections to be closed."""
 _LONGEST_DRIVE_S = 60.0
 _LONGEST_WARM_UP_S = 120.0
 _SAMPLE_S = 0.5
@@ -71,26 +79,72 @@ class Record:
     connects_s: list[float] = field(default_factory=list[float])
     last_connects_s: list[float] = field(default_factory=list[float])
     drove: list[bool] = field(default_factory=list[bool])
+    joined: list[int] = field(default_factory=list[int])
+    """Robots that have joined, besides those that are always there."""
+    connections: list[Counter[str]] = field(default_factory=list[Counter[str]])
+    """Of each process: before the first visit, and after the last one."""
+
+
+@dataclass(frozen=True)
+class Site:
+    """Programs under test, and how to use them."""
+
+    url: str
+    programs: Mapping[str, program]
+    robot: str = ""
+    """Robot to drive; empty for the only one."""
+    guests: Callable[[], program] | None = None
+    """Robots that join and leave, `GUESTS` at once."""
+
+    @property
+    def processes(self) -> Processes:
+        """Running processes."""
+        return {name: each.process for name, each in self.programs.items()}
+
+    def connections(self) -> Counter[str]:
+        """Return the number of open connections of each process."""
+        return Counter(
+            name
+            for name, process in self.processes.items()
+            for each in psutil.Process(process.pid).net_connections("tcp")
+            if each.status == psutil.CONN_ESTABLISHED
+        )
+
+
+@contextlib.contextmanager
+def one_robot() -> Generator[Site]:
+    """Run a simulated robot with its dashboard."""
+    mock = mock_program()
+    with mock as endpoint:
+        dashboard = dashboard_program(endpoint)
+        with dashboard as url:
+            yield Site(url, {"tsd-mock": mock, "tsd-dashboard": dashboard})
+
+
+@contextlib.contextmanager
+def fleet() -> Generator[Site]:
+    """Run a router with robots and a dashboard."""
+    with routed_fleet(*(f"guest{number + 1}" for number in range(GUESTS))) as routed:
+        guests = partial(robots_of, routed.folder, "guest", GUESTS)
+        yield Site(routed.url, routed.programs, "lab1", guests)
 
 
 def main() -> None:
     """Start both processes, run the soak and evaluate it."""
     parser = argparse.ArgumentParser(prog="make soak", description=__doc__)
     parser.add_argument("--seconds", type=float, default=HALF_AN_HOUR_S)
-    seconds: float = parser.parse_args().seconds
+    parser.add_argument("--fleet", action="store_true", help="20 robots behind a router")
+    args = parser.parse_args()
+    seconds: float = args.seconds
     if not seconds >= SHORTEST_S:
         parser.error(f"{seconds:g} s are too few, {SHORTEST_S:g} are the least")
-    mock = mock_program()
-    with mock as endpoint:
-        dashboard = dashboard_program(endpoint)
-        with dashboard as url:
-            processes = {"tsd-mock": mock.process, "tsd-dashboard": dashboard.process}
-            pids = ", ".join(f"{name} is {process.pid}" for name, process in processes.items())
-            print(f"soaking for {seconds:g} s: {pids}", flush=True)
-            try:
-                record = asyncio.run(soak(url, processes, seconds))
-            except CutShortError as error:
-                sys.exit(f"cut short: {error}")
+    with fleet() if args.fleet else one_robot() as site:
+        pids = ", ".join(f"{name} is {process.pid}" for name, process in site.processes.items())
+        print(f"soaking for {seconds:g} s: {pids}", flush=True)
+        try:
+            record = asyncio.run(soak(site, seconds))
+        except CutShortError as error:
+            sys.exit(f"cut short: {error}")
     missed = 0
     for row in verdict(record, min(_LONGEST_WARM_UP_S / seconds, 1 / 3)):
         print(row)
@@ -99,15 +153,19 @@ def main() -> None:
     sys.exit(missed > 0)
 
 
-async def soak(url: str, processes: Processes, seconds: float) -> Record:
-    """Run drivers and visitors against both processes; return the measurements.
+async def soak(site: Site, seconds: float) -> Record:
+    """Run drivers and visitors against all processes; return the measurements.
 
     Raises:
         CutShortError: If a process ended or a page was disconnected.
     """
-    record = Record()
-    over = asyncio.create_task(observe(processes, seconds, record))
-    people = [asyncio.create_task(drivers(url, min(_LONGEST_DRIVE_S, seconds / 3), record.drove))]
+    record, url = Record(), site.url
+    record.connections.append(site.connections())
+    over = asyncio.create_task(observe(site.processes, seconds, record))
+    drive_s = min(_LONGEST_DRIVE_S, seconds / 3)
+    people = [asyncio.create_task(drivers(url, drive_s, record.drove, site.robot))]
+    if site.guests is not None:
+        people.append(asyncio.create_task(guests(site.guests, GUESTS, record.joined)))
     people += [
         asyncio.create_task(visitors(url, seed, record.connects_s)) for seed in range(_VISITORS)
     ]
@@ -128,6 +186,11 @@ async def soak(url: str, processes: Processes, seconds: float) -> Record:
         for task in (over, *people):
             task.cancel()
         await asyncio.gather(over, *people, return_exceptions=True)
+    for _ in range(_CLOSED_S):
+        record.connections[1:] = [site.connections()]
+        if record.connections[1] <= record.connections[0]:
+            break
+        await asyncio.sleep(1.0)
     return record
 
 
@@ -160,6 +223,10 @@ def verdict(record: Record, warm_up: float) -> Iterator[Row]:
         start_mb, end_mb = start_and_end(sizes_mb, warm_up)
         comparison = f"{start_mb:.0f} MB after warm-up, {end_mb:.0f} MB at the end"
         yield Row(f"{name}, growth", end_mb - start_mb, SLACK_MB, "MB", comparison)
+    if record.connections:
+        before, after = record.connections[0], record.connections[-1]
+        comparison = f"{sum(record.joined)} robots and {len(record.connects_s)} pages came and went"
+        yield Row("connections left over", (after - before).total(), 0.0, "", comparison)
     before_s = statistics.median(record.connects_s)
     comparison = f"{len(record.connects_s)} visits before, {before_s:.3f} s"
     last_s = statistics.median(record.last_connects_s)

@@ -7,7 +7,7 @@ import contextlib
 import itertools
 import secrets
 import time
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Callable
 from functools import partial
 from importlib.metadata import version
 
@@ -16,6 +16,7 @@ import numpy as np
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
+from bench.programs import program
 from bench.viewers import Tally, operate, watch
 from tests.support.viser_client import CAMERA, decoded
 
@@ -54,12 +55,12 @@ async def replayed(scene: ClientConnection) -> None:
     raise CutOffError("the server closed a page before it had sent all")
 
 
-async def drivers(url: str, each_s: float, drove: list[bool]) -> None:
-    """Drive repeatedly, and record each time whether the robot moved."""
+async def drivers(url: str, each_s: float, drove: list[bool], robot: str = "") -> None:
+    """Drive a robot, or the first one, repeatedly; record each time whether it moved."""
     while True:
         driving = asyncio.Event()
         async with visit(url) as (scene, teleop, _took_s):
-            await stay(scene, teleop, each_s, driving, drives=True)
+            await stay(scene, teleop, each_s, driving, drives=True, robot=robot)
         drove.append(driving.is_set())
 
 
@@ -76,6 +77,19 @@ async def visitors(url: str, seed: int, connects_s: list[float]) -> None:
         await asyncio.sleep(chance.uniform(0.0, 1.0))
 
 
+async def guests(robots: Callable[[], program], count: int, joined: list[int]) -> None:
+    """Start and end robots, again and again; record how many have joined each time."""
+    chance = np.random.default_rng(count)
+    while True:
+        some = robots()
+        await asyncio.to_thread(some.__enter__)
+        try:
+            joined.append(count)
+            await asyncio.sleep(chance.uniform(1.0, _LONGEST_VISIT_S))
+        finally:
+            await asyncio.to_thread(some.__exit__)
+
+
 async def stay(
     scene: ClientConnection,
     teleop: ClientConnection,
@@ -83,6 +97,7 @@ async def stay(
     driving: asyncio.Event,
     *,
     drives: bool = False,
+    robot: str = "",
 ) -> None:
     """Keep a page open for a duration.
 
@@ -91,7 +106,7 @@ async def stay(
     """
     ways = [
         asyncio.create_task(watch(scene, Tally())),
-        asyncio.create_task(operate(teleop, Tally(), driving, drives=drives)),
+        asyncio.create_task(operate(teleop, Tally(), driving, drives=drives, robot=robot)),
     ]
     try:
         done, _ = await asyncio.wait(ways, timeout=seconds, return_when=asyncio.FIRST_COMPLETED)

@@ -35,6 +35,7 @@ from tsd_twin.simulation import SimRobot
 
 DRIVE_S = 0.02
 BEATS = 5  # Heartbeat period in multiples of DRIVE_S.
+_PUSHES = 5
 T = TypeVar("T")
 
 
@@ -163,9 +164,23 @@ class Page:
         assert self.mode == "ready", self.state["status"].get("stop")
 
     def drive(self, vx: float = 0.2, vy: float = 0.0, omega: float = 0.0) -> None:
-        """Hold the stick and wait until the robot moves."""
-        self.holds = {"vx": vx, "vy": vy, "omega": omega}
-        self.until(lambda: self.mode in ("driving", "stopped", "fault"))
+        """Hold the stick and wait until the robot moves.
+
+        A page that the machine holds up is released meanwhile, and pushes again.
+        """
+        for _ in range(_PUSHES):
+            released = len(self.all("released"))
+            self.holds = {"vx": vx, "vy": vy, "omega": omega}
+            self.until(
+                lambda before=released: (
+                    self.mode in ("driving", "stopped", "fault")
+                    or len(self.all("released")) > before
+                )
+            )
+            if self.mode != "ready":
+                break
+            self.let_go()
+            budget.repeated.append("hold the stick")
         assert self.mode == "driving", self.state["status"].get("stop")
 
     def let_go(self) -> None:

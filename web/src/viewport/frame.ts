@@ -99,7 +99,8 @@ export class Viewport {
     address.searchParams.set("page", page);
     if (recording !== null) address.searchParams.set("recording", recording);
     address.searchParams.set("look", dark ? "dark" : "light");
-    address.searchParams.set("pixels", String(this.#hostArea)); // The frame has no size yet.
+    // The frame does not know its size yet, and the fleet hides it at first.
+    address.searchParams.set("pixels", String(this.#hostArea || innerWidth * innerHeight));
     this.#origin = address.origin;
     this.#frame.src = address.href;
     this.#fallBackIn(UNREACHED_MS);
