@@ -234,7 +234,7 @@ NO_SOURCES: Mapping[str, str] = {
     "tsd_twin.hardware.dynamixel_wheels": "as arduino_mega, for wheels that are servos",
     "tsd_twin.hardware.wheel_bus": "the line of dynamixel_wheels",
     "tsd_twin.adapters.cmd_vel_bridge": "behind Foxglove and ROS",
-    "tsd_twin.lab.health": "a script with the client library",
+    "tsd_twin.lab.wear_drives": "a script with the client library",
     "tsd_twin.lab.remote": "drives only its own simulation, through the protocol of the client",
     "tsd_twin.node.robot_node": "the robot: it publishes states",
     "tsd_twin.node.input_log": "publishes the inputs of the controller",
