@@ -230,6 +230,7 @@ NO_SOURCES: Mapping[str, str] = {
     "tsd_twin.client.connection": "carries the commands of pages, scripts, Foxglove and ROS",
     "tsd_twin.client.protocol": "numbers and stamps the commands of all sources on the bus",
     "tsd_twin.hardware.arduino_mega": "the bridge, behind the rules of the node",
+    "tsd_twin.hardware.board_cycle": "as arduino_mega: the exchange with the board",
     "tsd_twin.hardware.can_wheels": "as arduino_mega, for wheels on CAN",
     "tsd_twin.hardware.dynamixel_wheels": "as arduino_mega, for wheels that are servos",
     "tsd_twin.hardware.wheel_bus": "the line of dynamixel_wheels",
