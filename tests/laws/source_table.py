@@ -66,7 +66,14 @@ SOURCES = (
         sources.ScriptSource,
         tuple(
             f"tsd_twin.client.{name}"
-            for name in ("core", "motions", "procedures", "sync", "virtual", "virtual_robot")
+            for name in (
+                "base_control",
+                "motions",
+                "procedures",
+                "sync",
+                "virtual",
+                "virtual_robot",
+            )
         ),
     ),
     Source("Foxglove", sources.FoxglovePanel, ("tsd_twin.adapters.foxglove.live",)),
