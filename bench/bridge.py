@@ -13,7 +13,7 @@ import serial
 from bench.programs import Load, python, terminated
 from bench.table import Row, Run, percentile
 from tsd_twin.bus import Bus, client_config
-from tsd_twin.hardware.arduino_mega import BAUD
+from tsd_twin.hardware.board_cycle import BAUD
 from tsd_twin.hardware.controller_board import REST_COMMAND, read_request, write_request
 from tsd_twin.hardware.dynamixel.control_table import Telemetry
 from tsd_twin.messages import topics

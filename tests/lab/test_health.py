@@ -12,7 +12,7 @@ import pytest
 from tests.support.experiment_runs import run
 from tests.support.recorded_drives import RecordedDrive
 from tsd_twin.errors import TwinError
-from tsd_twin.lab.health import WearScenario, drive
+from tsd_twin.lab.wear_drives import WearScenario, drive
 from tsd_twin.recording.mcap_file import RecordingFile
 
 WITHIN_S = 5.0

@@ -66,7 +66,14 @@ SOURCES = (
         sources.ScriptSource,
         tuple(
             f"tsd_twin.client.{name}"
-            for name in ("core", "motions", "procedures", "sync", "virtual", "virtual_robot")
+            for name in (
+                "base_control",
+                "motions",
+                "procedures",
+                "sync",
+                "virtual",
+                "virtual_robot",
+            )
         ),
     ),
     Source("Foxglove", sources.FoxglovePanel, ("tsd_twin.adapters.foxglove.live",)),
@@ -230,11 +237,12 @@ NO_SOURCES: Mapping[str, str] = {
     "tsd_twin.client.connection": "carries the commands of pages, scripts, Foxglove and ROS",
     "tsd_twin.client.protocol": "numbers and stamps the commands of all sources on the bus",
     "tsd_twin.hardware.arduino_mega": "the bridge, behind the rules of the node",
+    "tsd_twin.hardware.board_cycle": "as arduino_mega: the exchange with the board",
     "tsd_twin.hardware.can_wheels": "as arduino_mega, for wheels on CAN",
     "tsd_twin.hardware.dynamixel_wheels": "as arduino_mega, for wheels that are servos",
     "tsd_twin.hardware.wheel_bus": "the line of dynamixel_wheels",
     "tsd_twin.adapters.cmd_vel_bridge": "behind Foxglove and ROS",
-    "tsd_twin.lab.health": "a script with the client library",
+    "tsd_twin.lab.wear_drives": "a script with the client library",
     "tsd_twin.lab.remote": "drives only its own simulation, through the protocol of the client",
     "tsd_twin.node.robot_node": "the robot: it publishes states",
     "tsd_twin.node.input_log": "publishes the inputs of the controller",

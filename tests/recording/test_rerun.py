@@ -38,7 +38,8 @@ from tsd_twin.kinematics import JointKind
 from tsd_twin.messages.status import LoopStatus
 from tsd_twin.recording.channels import Entry
 from tsd_twin.recording.export import Redactor
-from tsd_twin.recording.rerun import Rerun, Resimulation, WhatIf, stretches
+from tsd_twin.recording.rerun import Rerun, stretches
+from tsd_twin.recording.what_if import Resimulation, WhatIf
 from tsd_twin.safety import lease, supervisor
 
 EVENTFUL = sorted(TEXTS)

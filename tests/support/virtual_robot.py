@@ -19,7 +19,8 @@ from tests.support.virtual_time import VirtualClock
 from tsd_twin import robots
 from tsd_twin.hardware import arduino_mega, u2d2
 from tsd_twin.hardware import serial_transport as serial
-from tsd_twin.hardware.arduino_mega import BAUD, ArduinoMegaIO, ControllerBoard
+from tsd_twin.hardware.arduino_mega import ArduinoMegaIO
+from tsd_twin.hardware.board_cycle import BAUD, ControllerBoard
 from tsd_twin.hardware.controller_board import read_block
 from tsd_twin.hardware.dynamixel.control_table import Refusal, Setup, Telemetry
 from tsd_twin.hardware.joints import JointCommand, Receiver, ServoCalibration

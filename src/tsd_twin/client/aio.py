@@ -14,8 +14,9 @@ from typing import Any, Self, TypeAlias
 
 from tsd_twin.client import procedures
 from tsd_twin.client.arguments import check_numbers, check_optional
+from tsd_twin.client.base_control import BaseControl
 from tsd_twin.client.bus_port import BusLink
-from tsd_twin.client.core import QUEUE, Acquire, BaseClient, BaseControl
+from tsd_twin.client.core import QUEUE, Acquire, BaseClient
 from tsd_twin.client.discovery import open_link
 from tsd_twin.client.held_lease import RENEW_PERIOD_S
 from tsd_twin.client.port import (

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tsd_twin.client.arguments import check_numbers, checked_twist
+from tsd_twin.client.arguments import checked_twist
 from tsd_twin.client.echoes import Echoes
 from tsd_twin.client.errors import ClientError, RobotSilent, RobotStopped
 from tsd_twin.client.held_lease import HeldLease
@@ -51,7 +51,6 @@ _MAX_SAFE_SEQ = 2**53
 """A larger number reported by the robot is ignored, because the next one may overflow."""
 _STILL_MPS, _STILL_RAD_PER_S = 0.02, 0.05
 ZERO_TWIST = (0.0, 0.0, 0.0)
-"""Zero twist."""
 _MODES = frozenset(Mode)
 _ARMED_AND_READY = frozenset({Mode.READY, Mode.DRIVING, Mode.STOPPING})
 
@@ -196,7 +195,7 @@ class ControlProtocol(HeldLease):
         """End any motion of this script and begin stopping; return the new motion's number."""
         self.check_lease()
         self._check_silence(now_s)
-        if self.mode not in (Mode.READY, Mode.DRIVING, Mode.STOPPING):
+        if self.mode not in _ARMED_AND_READY:
             raise self._stopped("is not ready", "not_ready")
         return self._begin()
 
@@ -299,10 +298,11 @@ class ControlProtocol(HeldLease):
     ) -> TwistCommand | None:
         """Set the velocity for `SETPOINT_TIMEOUT_S`; return a command to send now.
 
-        Returns None within 10 ms of the previous call; `due` sends the setpoint then. `given_s` is
-        the time of the input, by default now. Each repetition echoes the status that was current
-        then, which lets the robot bound the time from the input to the end of the motion. The
-        setpoint expires early enough for a zero to arrive before the robot stops automatically.
+        Returns None within 10 ms of the previous call; `poll_command` sends the setpoint then.
+        `given_s` is the time of the input, by default now. Each repetition echoes the status that
+        was current then, which lets the robot bound the time from the input to the end of the
+        motion. The setpoint expires early enough for a zero to arrive before the robot stops
+        automatically.
 
         Raises:
             ClientError: As for `begin_motion` and `check_motion`, or the error that ended the last
@@ -367,7 +367,7 @@ class ControlProtocol(HeldLease):
 
     @property
     def next_due_s(self) -> float:
-        """Time of the next call to `due`, valid while a setpoint is active."""
+        """Time of the next call to `poll_command`, valid while a setpoint is active."""
         return self._sent_s + COMMAND_PERIOD_S
 
     @property
@@ -376,7 +376,7 @@ class ControlProtocol(HeldLease):
         return self._setpoint is not None
 
     def end_setpoint(self) -> None:
-        """Expire the set-point now."""
+        """Expire the setpoint now."""
         if self._setpoint is not None:
             self._setpoint = replace(self._setpoint, expires_s=-math.inf)
 
@@ -403,36 +403,6 @@ class ControlProtocol(HeldLease):
     def estimated_twist(self) -> Array | None:
         """(3,): latest estimated twist in the base frame, or None before any."""
         return self._twist
-
-    def planar(self, vx_mps: float, vy_mps: float, omega_rad_per_s: float) -> Sequence[float]:
-        """Return a planar twist (3,), in m/s and rad/s.
-
-        Raises:
-            ClientError: If the robot turns a sphere or a number is not finite.
-        """
-        if self.kinematics.pose_type is SO3:
-            raise ClientError(
-                f"{self.robot_id} turns a sphere in place: use turn, set_turn_rate", "use_turn"
-            )
-        check_numbers(vx_mps=vx_mps, vy_mps=vy_mps, omega_rad_per_s=omega_rad_per_s)
-        return (vx_mps, vy_mps, omega_rad_per_s)
-
-    def spherical(
-        self, wx_rad_per_s: float, wy_rad_per_s: float, wz_rad_per_s: float
-    ) -> Sequence[float]:
-        """Return the angular velocity (3,) of a sphere, in rad/s.
-
-        Raises:
-            ClientError: If the robot does not turn a sphere or a number is not finite.
-        """
-        if self.kinematics.pose_type is not SO3:
-            raise ClientError(
-                f"{self.robot_id} turns no sphere: use drive, set_velocity", "use_drive"
-            )
-        check_numbers(
-            wx_rad_per_s=wx_rad_per_s, wy_rad_per_s=wy_rad_per_s, wz_rad_per_s=wz_rad_per_s
-        )
-        return (wx_rad_per_s, wy_rad_per_s, wz_rad_per_s)
 
     def latch_reason(self) -> str:
         """Return the reason why the robot is latched, or ""."""

@@ -16,7 +16,8 @@ from typing import Self, TypeVar
 
 from tsd_twin.client import motions, procedures
 from tsd_twin.client.arguments import check_duration, check_frame, check_numbers, check_optional
-from tsd_twin.client.core import QUEUE, Acquire, BaseClient, BaseControl
+from tsd_twin.client.base_control import BaseControl
+from tsd_twin.client.core import QUEUE, Acquire, BaseClient
 from tsd_twin.client.discovery import open_link
 from tsd_twin.client.held_lease import RENEW_PERIOD_S
 from tsd_twin.client.link import Link

@@ -6,106 +6,33 @@ import argparse
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-
-import msgspec
-import numpy as np
 
 from tsd_twin import robots
 from tsd_twin.cli import experiment, flags
 from tsd_twin.cli.experiment import Experiment, Output
-from tsd_twin.client.state import RobotState
-from tsd_twin.client.sync import RobotClient, connect
-from tsd_twin.client.virtual import SimulationLink
-from tsd_twin.errors import TwinError
-from tsd_twin.kinematics import JointKind
-from tsd_twin.lab import manoeuvres as lab_manoeuvres
-from tsd_twin.lab.manoeuvres import TwistAt
+from tsd_twin.client.sync import connect
 from tsd_twin.lab.rerun import chosen_robot
-from tsd_twin.lie import SE2
-from tsd_twin.messages.cdr import BASE
+from tsd_twin.lab.robot_health import Health, lines
+from tsd_twin.lab.wear_drives import (
+    MANOEUVRES,
+    MIXED,
+    STAND,
+    Result,
+    WearScenario,
+    drive,
+    wear_of_seed,
+)
 from tsd_twin.messages.errors import MessageError
-from tsd_twin.messages.pose import PoseStamped, encode_pose
-from tsd_twin.messages.sentences import full_sentence
 from tsd_twin.messages.topics import STATUS
 from tsd_twin.recording import open_recording
 from tsd_twin.recording.mcap_file import entries
 from tsd_twin.recording.reader import decoders
-from tsd_twin.robots import OmniDescription, RobotDescription, SingularityDescription
-from tsd_twin.sensors.gyro import Gyro
-from tsd_twin.sensors.pose import Camera
-from tsd_twin.shadow import STREAMS, Drift, ShadowFeed, ShadowReport, ShadowTwin
-from tsd_twin.simulation import BATTERY, PLANTS, DegradedRobot, Wear
+from tsd_twin.shadow import STREAMS, ShadowFeed, ShadowTwin
+from tsd_twin.simulation import PLANTS, Wear
 
-_REPORT_S = 0.1
 WITHIN_S = 5.0
 """Maximum time in which a worn part should be named."""
-
-
-@dataclass(slots=True)
-class Health:
-    """Shadow twin with the named parts and its latest report."""
-
-    twin: ShadowTwin
-    report: ShadowReport = field(default_factory=lambda: ShadowReport(0.0))
-    named: list[tuple[float, Drift]] = field(default_factory=list[tuple[float, Drift]])
-    """Each part once, with the time at which it was first named."""
-    compared_s: float = 0.0
-    _next_s: float = 0.0
-
-    def feed(self, state: RobotState) -> None:
-        """Pass the state of a robot to the twin."""
-        at_ns, odom = state.joints.stamp_ns, state.odom.message
-        self.twin.advance(at_ns, state.joints, state.setpoint, odom, state.status)
-
-    def look(self, t_s: float, *, last: bool = False) -> None:
-        """Create a report every `_REPORT_S`, and if this is the `last`."""
-        if t_s < self._next_s and not last:
-            return
-        self._next_s = t_s + _REPORT_S
-        report = self.twin.report()
-        known = {drift.part for _, drift in self.named}
-        self.named += [(t_s, drift) for drift in report.drifts if drift.part not in known]
-        self.compared_s += max(0.0, report.compared_s - self.report.compared_s)
-        self.report = report
-
-
-def _lines(health: Health, what: str) -> list[str]:
-    """Return the lines to print for a robot."""
-    report = health.report
-    lines = [f"{what}, compared for {health.compared_s:.1f} s"]
-    if not report.joints:
-        return [*lines, "no joints: nothing can be compared"]
-    lines += experiment.markdown_table(
-        ["joint", "measured", "simulated", "difference", "band", ""],
-        [
-            [
-                joint.name,
-                "-" if joint.measured is None else f"{joint.measured:.2f} {joint.unit}",
-                f"{joint.simulated:.2f} {joint.unit}",
-                "-" if joint.measured is None else f"{joint.measured - joint.simulated:.2f}",
-                f"±{joint.band:.2f}",
-                "not measured" if joint.measured is None else _inside(joint.inside),
-            ]
-            for joint in report.joints
-        ],
-    )
-    if report.pose is not None:
-        pose = report.pose
-        rows = zip(pose.names, pose.units, pose.difference, pose.band, strict=True)
-        lines += [
-            f"motion of the last second, {name}: {value:.1f} {unit} off, ±{band:.1f} allowed"
-            for name, unit, value, band in rows
-        ]
-    lines += [f"{t_s:.1f} s: {drift.text}" for t_s, drift in health.named]
-    if not health.named:
-        lines.append("no part drifts")
-    return [*lines, full_sentence(report.note)] if report.note else lines
-
-
-def _inside(inside: bool) -> str:
-    return "inside" if inside else "OUTSIDE"
 
 
 # Recordings.
@@ -142,7 +69,7 @@ def health_of_recording(path: Path, robot_id: str | None, out: Output) -> list[s
 
     out.show_progress(replay(), max(recording.duration_s, 1e-9), "comparing")
     health.look(recording.duration_s, last=True)
-    return _lines(health, f"{robot_id} in {path}")
+    return lines(health, f"{robot_id} in {path}")
 
 
 # Robots on the bus.
@@ -167,170 +94,10 @@ def health_of_robot(args: argparse.Namespace, out: Output) -> list[str]:
 
         out.show_progress(watch(), args.seconds, "comparing, drive it")
         health.look(time.monotonic() - begin_s, last=True)
-        return _lines(health, f"{client.link.id} on the bus")
+        return lines(health, f"{client.link.id} on the bus")
 
 
 # Simulated robots.
-
-
-def _arc(random: np.random.Generator) -> TwistAt:
-    """Drive an arc with constant twist, at 80 % of the top speed."""
-    angle, side = random.uniform(0.0, 2.0 * np.pi), random.choice([-1.0, 1.0])
-    vx, vy = 0.8 * math.cos(angle), 0.8 * math.sin(angle)
-    return lambda _: (vx, vy, 0.6 * side)
-
-
-def _line(random: np.random.Generator) -> TwistAt:
-    """Drive straight at a constant speed of at least half the top speed."""
-    angle, speed = random.uniform(0.0, 2.0 * np.pi), random.uniform(0.5, 1.0)
-    twist = (speed * math.cos(angle), speed * math.sin(angle), 0.0)
-    return lambda _: twist
-
-
-MANOEUVRES = lab_manoeuvres.MANOEUVRES | {"arc": _arc, "line": _line}
-STAND, MIXED = "stand", "mixed"
-_TURN_S = 30.0
-"""Duration of each manoeuvre if they are mixed."""
-
-
-@dataclass(frozen=True, slots=True)
-class WearScenario:
-    """Simulated robot with its shadow twin."""
-
-    robot: str
-    plant: str
-    errors: float
-    seed: int
-    manoeuvre: str
-    seconds: float
-    camera: bool = False
-    wear: str = ""
-    """Wear as in `tsd-mock --wear`, or "" for a healthy robot."""
-    wear_s: float = 0.0
-    """Time at which the wear begins."""
-    gyro: bool = False
-
-    def description(self) -> RobotDescription:
-        """Return the description of the robot.
-
-        Raises:
-            TwinError: If the robot cannot have a gyro.
-        """
-        robot = robots.load_robot(self.robot)
-        if not self.gyro or any(joint.name == "gyro" for joint in robot.sensors):
-            return robot
-        if not isinstance(robot, SingularityDescription | OmniDescription):
-            raise TwinError(f"--gyro: {robot.name} does not drive over a floor")
-        return msgspec.structs.replace(robot, gyro=Gyro())
-
-    @property
-    def worn_part(self) -> str:
-        """Name of the worn part, or "" for a healthy robot."""
-        return self.wear.partition("=")[0]
-
-    @property
-    def kind(self) -> str:
-        """Kind of the worn part and amount of wear, such as `wheel -5%`, or "" if healthy."""
-        part, _, size = self.wear.partition("=")
-        if part in ("", BATTERY):
-            return f"{part} {size}".strip()
-        joints = {joint.name: joint.kind for joint in self.description().kinematics().joints}
-        return f"{'servo' if joints[part] is JointKind.POSITION else 'wheel'} {size}"
-
-
-@dataclass(frozen=True, slots=True)
-class Result:
-    """Result of a case."""
-
-    case: WearScenario
-    named: list[tuple[float, Drift]]
-    """Named parts; times since the wear began, or since the start."""
-    compared_s: float
-    processor_share: float
-    """CPU time of the twin relative to the compared time."""
-
-    @property
-    def found_s(self) -> float:
-        """Time until the worn part was named, or infinite."""
-        return min(
-            (t_s for t_s, drift in self.named if self._is_right(t_s, drift)), default=math.inf
-        )
-
-    @property
-    def wrong(self) -> list[tuple[float, Drift]]:
-        """Named parts that are healthy."""
-        return [
-            (t_s, drift)
-            for t_s, drift in self.named
-            if drift.part and not self._is_right(t_s, drift)
-        ]
-
-    def _is_right(self, t_s: float, drift: Drift) -> bool:
-        return t_s >= 0.0 and self.case.worn_part == drift.part
-
-
-def _twists(case: WearScenario, robot: RobotDescription) -> TwistAt:
-    """Return the twist as a function of time, within the limits of the robot."""
-    random = np.random.default_rng([case.seed, 5])
-    made = {name: make(random) for name, make in MANOEUVRES.items()}
-    scale = robot.kinematics().twist_scale_m
-    top, turn = robot.limits.speed_mps / scale, robot.limits.turn_rate_rad_per_s
-    names = [*made, STAND]
-
-    def twist(t_s: float) -> tuple[float, float, float]:
-        name = names[int(t_s / _TURN_S) % len(names)] if case.manoeuvre == MIXED else case.manoeuvre
-        if name == STAND:
-            return (0.0, 0.0, 0.0)
-        x, y, z = made[name](t_s)
-        return (top * x, top * y, turn * z / 3.0)
-
-    return twist
-
-
-def drive(case: WearScenario) -> Result:
-    """Drive a robot with its twin."""
-    robot = case.description()
-    simulated = DegradedRobot(
-        robot, seed=case.seed, noise=1.0, plant=case.plant, errors=case.errors
-    )
-    link = SimulationLink(robot, simulated, None)
-    client = RobotClient(link, "lab")
-    camera = Camera(robot.pose_sensor.camera_noise(), np.random.default_rng([case.seed, 7]))
-    health, spent_s = Health(ShadowTwin(robot)), 0.0
-    twist_at = _twists(case, robot)
-    with client, client.control() as control:
-        control.arm()
-        begin_s = client.time_s
-        worn = not case.wear
-        for now_s in control.driving(lambda now_s: twist_at(now_s - begin_s), frame=BASE):
-            t_s = now_s - begin_s
-            if t_s >= case.seconds:
-                break
-            if not worn and t_s >= case.wear_s:
-                simulated.wear(Wear.parse(case.wear, robot))
-                worn = True
-            pose = simulated.truth(now_s).pose
-            if case.camera and isinstance(pose, SE2):
-                for frame in camera.capture(now_s, pose):
-                    seen = PoseStamped.planar(SE2(frame.pose), round(1e9 * frame.taken_s))
-                    link.send_pose(encode_pose(seen))
-            state = link.state()
-            at_s = time.process_time()
-            health.feed(state)
-            health.look(t_s)
-            spent_s += time.process_time() - at_s
-    named = [(t_s - case.wear_s, drift) for t_s, drift in health.named]
-    return Result(case, named, health.compared_s, spent_s / max(health.compared_s, 1e-9))
-
-
-def _worn_part(wear: str, robot: RobotDescription, seed: int) -> str:
-    """Return wear of the seed's joint, if the part is `wheel` or `servo`."""
-    part, _, size = wear.partition("=")
-    kind = {"wheel": JointKind.VELOCITY, "servo": JointKind.POSITION}.get(part)
-    names = [joint.name for joint in robot.kinematics().joints if joint.kind is kind]
-    if not names or part in [joint.name for joint in robot.kinematics().joints]:
-        return wear
-    return f"{names[seed % len(names)]}={size}"
 
 
 def _simulations(args: argparse.Namespace, out: Output) -> list[str]:
@@ -346,7 +113,7 @@ def _simulations(args: argparse.Namespace, out: Output) -> list[str]:
             manoeuvre,
             args.seconds,
             args.camera,
-            _worn_part(wear, robot, seed),
+            wear_of_seed(wear, robot, seed),
             0.5 * args.seconds if wear else 0.0,
             args.gyro,
         )

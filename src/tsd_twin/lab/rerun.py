@@ -31,13 +31,12 @@ from tsd_twin.recording.data import Recording, open_recording
 from tsd_twin.recording.rerun import (
     Rerun,
     RerunResult,
-    Resimulation,
     Stretch,
-    WhatIf,
     recorded_batches,
     stretches,
     wrapped,
 )
+from tsd_twin.recording.what_if import Resimulation, WhatIf
 from tsd_twin.robots import RobotDescription
 from tsd_twin.simulation import PLANTS
 
