@@ -97,20 +97,21 @@ class RealPage:
         """
         end_s = time.monotonic() + PATIENCE_S
         said = f"{self.element('[role=status][aria-label=Mode]')}.textContent.toLowerCase()"
+        end = "new KeyboardEvent('keydown', {code: 'End', key: 'End', bubbles: true})"
+        level = self.element(".cap")  # It is gone when the page loses control.
+        raised = f"({level}?.dispatchEvent({end}), {level} !== null)"
         while True:
             self.take_control()
             status = observer.status
             held = status.lease.holder is not None
             if held and status.limits.speed_mps != SPEED_MPS:
                 self.click("Release control")
-            elif held and self.tab.value(f"{said}.includes('ready')"):
+            elif held and self.tab.value(f"{said}.includes('ready') && {raised}"):
                 break
             self.click("Hold to reset")  # As assistive technology does.
             self.click("Arm")
             assert time.monotonic() < end_s, f"never ready: {observer.status}"
             time.sleep(_PRESSED_S)
-        end = "new KeyboardEvent('keydown', {code: 'End', key: 'End', bubbles: true})"
-        self.tab.value(f"{self.element('.cap')}.dispatchEvent({end})")
 
     def click(self, name: str) -> None:
         """Click on a button, if it can be used."""
