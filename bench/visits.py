@@ -82,11 +82,13 @@ async def guests(robots: Callable[[], program], count: int, joined: list[int]) -
     chance = np.random.default_rng(count)
     while True:
         some = robots()
-        await asyncio.to_thread(some.__enter__)
+        started = asyncio.ensure_future(asyncio.to_thread(some.__enter__))
         try:
+            await asyncio.shield(started)
             joined.append(count)
             await asyncio.sleep(chance.uniform(1.0, _LONGEST_VISIT_S))
         finally:
+            await started  # Also if cancelled meanwhile.
             await asyncio.to_thread(some.__exit__)
 
 
