@@ -83,7 +83,7 @@ class Record:
     joined: list[int] = field(default_factory=list[int])
     """Robots that have joined, besides those that are always there."""
     connections: list[Counter[str]] = field(default_factory=list[Counter[str]])
-    """Of each process: before the first visit, and after the last one."""
+    """Number for each process, before the first visit and after the last one."""
 
 
 @dataclass(frozen=True)

@@ -88,7 +88,7 @@ async def guests(robots: Callable[[], program], count: int, joined: list[int]) -
             joined.append(count)
             await asyncio.sleep(chance.uniform(1.0, _LONGEST_VISIT_S))
         finally:
-            await started  # Also if cancelled meanwhile.
+            await started  # A cancelled start continues in its thread.
             await asyncio.to_thread(some.__exit__)
 
 

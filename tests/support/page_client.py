@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import socket
 import threading
 import time
@@ -18,7 +19,14 @@ from websockets.sync.client import ClientConnection, connect
 
 from tests.support.robot_node import PATIENT
 from tests.support.scene_doubles import EmptyScene
-from tests.support.withheld import IN_PROCESS, PATIENCE_S, budget, this_thread_is_a_robot, wait_for
+from tests.support.withheld import (
+    IN_PROCESS,
+    PATIENCE_S,
+    WithheldTime,
+    budget,
+    this_thread_is_a_robot,
+    wait_for,
+)
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.client.monitor import RobotMonitor
@@ -28,6 +36,7 @@ from tsd_twin.dashboard.gateway.server import HttpServer
 from tsd_twin.dashboard.recorded.pages import RecordedPages
 from tsd_twin.dashboard.scene.client_views import SceneExecutor
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
+from tsd_twin.dashboard.sessions.teleop import COMMAND_TIMEOUT_S
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.services import Description
 from tsd_twin.node import RobotNode
@@ -72,6 +81,8 @@ class Page:
     ) -> None:
         """Show `recording` if given; `through` is an open connection."""
         self.name = page
+        self.pids: tuple[int, ...] = (os.getpid(),)
+        """Processes that can delay its commands: this one, and that of a dashboard elsewhere."""
         self.operator = f"{user}-{page[:8]}"
         self.holds: dict[str, Any] | None = None
         self.beats = True
@@ -166,10 +177,12 @@ class Page:
     def drive(self, vx: float = 0.2, vy: float = 0.0, omega: float = 0.0) -> None:
         """Hold the stick and wait until the robot moves.
 
-        A page that the machine holds up is released meanwhile, and pushes again.
+        The dashboard releases the controls of a page from which it hears nothing for
+        `COMMAND_TIMEOUT_S`. If the machine withheld that time from page or dashboard, the page
+        pushes again.
         """
         for _ in range(_PUSHES):
-            released = len(self.all("released"))
+            withheld, released = WithheldTime(*self.pids), len(self.all("released"))
             self.holds = {"vx": vx, "vy": vy, "omega": omega}
             self.until(
                 lambda before=released: (
@@ -179,6 +192,7 @@ class Page:
             )
             if self.mode != "ready":
                 break
+            assert withheld.total_s > COMMAND_TIMEOUT_S - DRIVE_S, self.last("released")
             self.let_go()
             budget.repeated.append("hold the stick")
         assert self.mode == "driving", self.state["status"].get("stop")

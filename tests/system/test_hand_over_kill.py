@@ -34,6 +34,7 @@ class Desk:
         self.program = program
         (port,) = re.findall(r"http://127\.0\.0\.1:(\d+)", program.ready())
         self.page = Page(int(port), name)
+        self.page.pids += (program.process.pid,)
 
     def signal(self, number: int) -> float:
         """Send a signal to the dashboard, and return the time just before."""

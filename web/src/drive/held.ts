@@ -48,8 +48,8 @@ interface PointerCallbacks {
   gone: (event: PointerEvent) => void;
 }
 
-// Browsers hold back the second until they paint, which takes up to 0.4 s beside a slow scene. They
-// have the first on secure pages only.
+// Browsers delay pointermove until the next frame, up to 0.4 s with a slow scene. They send
+// pointerrawupdate to secure pages only.
 const MOVES = ["pointerrawupdate", "pointermove"] as const;
 const POINTER_ENDS = ["pointerup", "pointercancel", "lostpointercapture"] as const;
 

@@ -59,8 +59,8 @@ class Scene:
         self._visuals: dict[str, RobotVisual] = {}
         self._meshes: dict[bytes, BatchedRobotMeshes] = {}
         self._postpones = False
-        # A client has lights of its own. These are for its first frame, which would otherwise
-        # prepare viser's lights and reflections: 5 s without a graphics card.
+        # Each client replaces these lights. Its first frame would otherwise prepare viser's
+        # default lights and reflections, which takes 5 s without a graphics card.
         add_lights(server.scene, Theme.DARK, plain=True)
         self._world = server.scene.add_frame(ROOT, show_axes=False)
         self.on_robots_moved: Callable[[], None] = lambda: None

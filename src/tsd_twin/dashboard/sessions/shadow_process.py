@@ -34,7 +34,7 @@ os.nice(10)
 with contextlib.suppress(AttributeError, OSError):  # Not on all systems.
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 """
-"""First lines of the process: its imports need half a second of CPU time, and it inherits a
+"""First lines of the process. Its imports need half a second of CPU time, and it inherits a
 real-time priority of the dashboard.
 """
 ANSWER_TIMEOUT_S = 10.0
