@@ -58,6 +58,19 @@ def test_a_competitor_for_the_processor_withholds_half_of_it(cpu: int) -> None:
     assert withheld.total_s + used_s == pytest.approx(took_s, abs=0.1 * took_s)
 
 
+def test_a_budget_watches_the_programs_that_it_follows_and_forgets_those_that_have_ended(
+    cpu: int,
+) -> None:
+    budget = Budget(limit=0.1, free_s=1.0)
+    with process(SPIN, cpu) as ended:
+        budget.follow("robot", ended)
+    with process(SPIN, cpu) as pid, process(SPIN, cpu):
+        budget.follow("robot", pid)
+        withheld = budget.watch()
+        time.sleep(WATCHED_S)
+        assert withheld.total_s > 0.3 * WATCHED_S
+
+
 def test_a_process_that_sleeps_next_to_one_that_spins_misses_next_to_nothing(cpu: int) -> None:
     text = "import time\nprint(flush=True)\ntime.sleep(60)"
     with process(text, cpu) as pid, process(SPIN, cpu):

@@ -73,8 +73,7 @@ class Rig:
         self.page.let_go()
         self.page.until(self._answers)
         self.page.make_ready()
-        self.page.drive(self.speed_mps, 0.0, 0.0)
-        wait_until(lambda: self.driven, "driven")
+        self.page.drive(self.speed_mps, until=lambda: self.driven)
 
     def stands(self) -> bool:
         """Return whether no wheel is driven for a while, with the stick held."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
 import socket
 import threading
 import time
@@ -19,14 +18,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from tests.support.robot_node import PATIENT
 from tests.support.scene_doubles import EmptyScene
-from tests.support.withheld import (
-    IN_PROCESS,
-    PATIENCE_S,
-    WithheldTime,
-    budget,
-    this_thread_is_a_robot,
-    wait_for,
-)
+from tests.support.withheld import IN_PROCESS, PATIENCE_S, budget, this_thread_is_a_robot, wait_for
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.client.monitor import RobotMonitor
@@ -81,8 +73,6 @@ class Page:
     ) -> None:
         """Show `recording` if given; `through` is an open connection."""
         self.name = page
-        self.pids: tuple[int, ...] = (os.getpid(),)
-        """Processes that can delay its commands: this one, and that of a dashboard elsewhere."""
         self.operator = f"{user}-{page[:8]}"
         self.holds: dict[str, Any] | None = None
         self.beats = True
@@ -174,28 +164,36 @@ class Page:
         self.until(lambda: self.mode in ("ready", "stopped", "fault"))
         assert self.mode == "ready", self.state["status"].get("stop")
 
-    def drive(self, vx: float = 0.2, vy: float = 0.0, omega: float = 0.0) -> None:
-        """Hold the stick and wait until the robot moves.
+    def drive(
+        self,
+        vx: float = 0.2,
+        vy: float = 0.0,
+        omega: float = 0.0,
+        until: Callable[[], bool] | None = None,
+    ) -> None:
+        """Hold the stick until a condition is true, by default until the robot moves.
 
         The dashboard releases the controls of a page from which it hears nothing for
-        `COMMAND_TIMEOUT_S`. If the machine withheld that time from page or dashboard, the page
-        pushes again.
+        `COMMAND_TIMEOUT_S`. If the machine withheld that time, the page pushes again.
         """
+        done = until or (lambda: self.mode == "driving")
         for _ in range(_PUSHES):
-            withheld, released = WithheldTime(*self.pids), len(self.all("released"))
+            withheld, released = budget.watch(), len(self.all("released"))
             self.holds = {"vx": vx, "vy": vy, "omega": omega}
             self.until(
                 lambda before=released: (
-                    self.mode in ("driving", "stopped", "fault")
+                    done()
+                    or self.mode in ("stopped", "fault")
                     or len(self.all("released")) > before
                 )
             )
-            if self.mode != "ready":
+            if done() or self.mode in ("stopped", "fault"):
                 break
             assert withheld.total_s > COMMAND_TIMEOUT_S - DRIVE_S, self.last("released")
             self.let_go()
+            self.until(lambda: self.mode not in ("driving", "stopping"))
             budget.repeated.append("hold the stick")
-        assert self.mode == "driving", self.state["status"].get("stop")
+        assert done(), self.state["status"].get("stop")
 
     def let_go(self) -> None:
         """Release the stick, and send no more drive commands."""

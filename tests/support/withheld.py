@@ -170,6 +170,8 @@ class Budget:
     """Number of page inputs."""
     repeated: list[str] = field(default_factory=list[str])
     """Number of repeated inputs, after a page had stalled."""
+    _running: set[int] = field(default_factory=set[int])
+    """Process ids of the programs under test."""
 
     def tries(self, what: str, count: int, *, free: int = 1) -> Iterator[int]:
         """Number the attempts at a page input; count those after the first `free` ones."""
@@ -181,7 +183,13 @@ class Budget:
 
     def follow(self, name: str, *pids: int) -> Followed:
         """Return the entry of a running process, by default of this one."""
+        self._running.update(pids)
         return Followed(self.tallies.setdefault(name, Tally()), WithheldTime(*pids))
+
+    def watch(self) -> WithheldTime:
+        """Start measuring this process and all programs under test that run now."""
+        self._running = {pid for pid in self._running if Path(f"/proc/{pid}").exists()}
+        return WithheldTime(os.getpid(), *self._running)
 
     @property
     def excess(self) -> str:

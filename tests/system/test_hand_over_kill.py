@@ -34,7 +34,6 @@ class Desk:
         self.program = program
         (port,) = re.findall(r"http://127\.0\.0\.1:(\d+)", program.ready())
         self.page = Page(int(port), name)
-        self.page.pids += (program.process.pid,)
 
     def signal(self, number: int) -> float:
         """Send a signal to the dashboard, and return the time just before."""
@@ -87,9 +86,8 @@ class Two:
 
     def drive_fast(self, page: Page) -> None:
         """Hold the stick until the robot is fast, and note pauses between its commands."""
-        page.drive(SPEED_MPS)
         observer = self.robot.observer
-        observer.until_speed(SPEED_MPS)
+        page.drive(SPEED_MPS, until=lambda: observer.gets_fast(0.0, SPEED_MPS))
         self._driver, self._stops = page, observer.status.stops
         self._released = len(page.all("released"))
         observer.command_pauses = self._pauses = Pauses(*self._pids)

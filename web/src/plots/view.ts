@@ -49,8 +49,9 @@ export class PlotView {
   end(endS: number | null): void {
     const [oldestS] = this.recorder.buffer.times;
     const isLive = endS === null || oldestS === undefined;
-    const latestS = this.recorder.nowS();
-    this.recorder.endS.value = isLive ? null : Math.max(oldestS, Math.min(latestS, endS));
+    // Not up to now: a sample that is still on its way would change what is shown.
+    const { newestS } = this.recorder.buffer;
+    this.recorder.endS.value = isLive ? null : Math.max(oldestS, Math.min(newestS, endS));
   }
 
   /** Zoom about a position, 0 at the left edge; unless paused, the right edge stays at now. */

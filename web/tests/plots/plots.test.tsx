@@ -99,6 +99,19 @@ test("Values follow the robot, and are dashes when it is silent, unless plots ar
   expect(values()).toEqual(["0.100", "0.30", "1.000"]);
 });
 
+test("A sample that arrives after the pause is not plotted, however old it is.", async () => {
+  const { recorder, button, state, run } = await open();
+  const shown = () => recorder.buffer.places(-Infinity, recorder.endS.value!)[1];
+  const newestS = recorder.buffer.newestS;
+  await vi.advanceTimersByTimeAsync(40);
+  button(words.pause).click();
+  const before = shown();
+  state({ robot_s: newestS + 0.01 });
+  await run(0);
+  expect(recorder.buffer.newestS).toBeCloseTo(newestS + 0.01);
+  expect(shown()).toBe(before);
+});
+
 test("A named layout comes back, and a copied link has the same layout.", async () => {
   const { recorder, press, run, said } = await open();
   const before = recorder.layout.value;
