@@ -23,6 +23,7 @@ import http
 import secrets
 import sys
 import threading
+import warnings
 from collections.abc import AsyncGenerator, Callable, Generator, Sequence
 from contextlib import contextmanager
 from itertools import islice, takewhile
@@ -375,6 +376,8 @@ def start_server(title: str, *, dark: bool = True) -> viser.ViserServer:
     install_message_queues()
     # viser prints to standard output, where our programs print a single line.
     rich.get_console().quiet = True
+    # A page may leave while its scene is drawn.
+    warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)
     with require_access_key():
         server = viser.ViserServer(host=LOOPBACK, port=0, label=title, verbose=False)
     refuse_sharing(server)
