@@ -182,8 +182,9 @@ def _driven(fleet: RoutedFleet, ids: Iterable[str]) -> Generator[None]:
         thread.start()
         try:
             yield
-            if latched := [robot.id for robot in robots if robot.state.mode in LATCHED]:
-                raise RuntimeError(f"{', '.join(latched)} stopped")
+            if latched := [robot for robot in robots if robot.state.mode in LATCHED]:
+                said = (f"{robot.id} stopped: {robot.state.stop_reason}" for robot in latched)
+                raise RuntimeError("; ".join(said))
         finally:
             ended.set()
             thread.join()

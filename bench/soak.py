@@ -146,11 +146,11 @@ def main() -> None:
             record = asyncio.run(soak(site, seconds))
         except CutShortError as error:
             sys.exit(f"cut short: {error}")
-    missed = 0
-    connect_s = CONNECT_FLEET_S if args.fleet else CONNECT_S
-    for row in verdict(record, min(_LONGEST_WARM_UP_S / seconds, 1 / 3), connect_s):
-        print(row)
-        missed += not row.met
+        missed = 0
+        connect_s = CONNECT_FLEET_S if args.fleet else CONNECT_S
+        for row in verdict(record, min(_LONGEST_WARM_UP_S / seconds, 1 / 3), connect_s):
+            print(row, flush=True)
+            missed += not row.met
     print(f"{missed} missed" if missed else "all met")
     sys.exit(missed > 0)
 

@@ -54,11 +54,15 @@ export function speedOf(link: Link): number | null {
 
 /** Return the step for the state of robot and page; it follows all signals that it depends on. */
 export function stepOf(session: Session): Step {
-  const { link, stop } = session;
-  const { deck, common } = texts();
+  const { library, link, stop } = session;
+  const { deck, common, timeline } = texts();
   if (stop.unconfirmed.value) {
     const quiet = { text: deck.acknowledge, does: () => stop.acknowledge() };
     return { id: "unconfirmed", title: deck.unconfirmed, detail: deck.unconfirmedThen, quiet };
+  }
+  if (library.isMissing.value) {
+    const next = { text: deck.live, does: backToLive, key: "L" };
+    return { id: "missing", title: timeline.refusals["no_recording"]!, next };
   }
   const fresh = freshness(link);
   const state = link.state.value;

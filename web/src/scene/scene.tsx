@@ -134,7 +134,7 @@ const SLOW_MS = 30_000; // Without WebGL it never appears.
  * does not block STOP.
  */
 function Splash({ viewport }: { viewport: Viewport }) {
-  const { link } = useSession();
+  const { library, link } = useSession();
   const { splash } = texts().scene;
   const [slow, setSlow] = useState(false);
   useEffect(() => {
@@ -143,7 +143,10 @@ function Splash({ viewport }: { viewport: Viewport }) {
   }, []);
   const robot = link.robot.value;
   const at = [link.connected.value, robot !== null, viewport.loaded.value, false].indexOf(false);
-  const noRobot = freshness(link).kind === "no_robot";
+  const { common, timeline } = texts();
+  const refusal = library.isMissing.value
+    ? timeline.refusals["no_recording"]
+    : freshness(link).kind === "no_robot" && common.refusals.no_robot;
   const step = slow && viewport.loaded.value ? "slow" : STEPS[at]!;
   const wheels = robot?.modules.length || robot?.wheels.length || 0;
   const outline = <Outline class="silhouette" panel={robot?.panel} wheels={wheels} />;
@@ -155,7 +158,7 @@ function Splash({ viewport }: { viewport: Viewport }) {
           <bdi>{robot.title}</bdi>
         </strong>
       )}
-      <p role="status">{noRobot ? texts().common.refusals.no_robot : splash[step]}</p>
+      <p role="status">{refusal || splash[step]}</p>
       <progress max={STEPS.length} value={at} aria-label={splash.label} />
     </div>
   );

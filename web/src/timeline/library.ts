@@ -9,6 +9,7 @@ import { copyText } from "../ui/share";
 
 const WAIT_MS = { open: 300, closed: 1500 }; // Details of many files come in quickly.
 const WATCH_BEATS = 100; // Ten seconds: nothing reports the end of a recording.
+const MISSING_BEATS = 20;
 /** Refusals without a body, as of HEAD or by a proxy. */
 const CODES: Record<number, string> = { 403: "viewer", 404: "no_recording", 429: "too_many" };
 
@@ -26,6 +27,8 @@ export class Library {
   readonly query = signal("");
   /** Recording that is being written, and when its length was reported. */
   readonly written = signal<{ row: RecordingRow; atMs: number } | null>(null);
+  /** Whether the recording of this page does not exist, so that its socket is refused. */
+  readonly isMissing = signal(false);
   #number = 0;
   #timer = 0;
 
@@ -34,6 +37,10 @@ export class Library {
     link.on("recordings_changed", () => this.refresh());
     effect(() => {
       if (link.beat.value % WATCH_BEATS === 0 && link.connected.peek()) void this.#watch();
+    });
+    effect(() => {
+      if (link.connected.value) this.isMissing.value = false;
+      else if (link.beat.value % MISSING_BEATS === 1) void this.#find(link.recording);
     });
     effect(() => {
       void this.query.value;
@@ -68,6 +75,13 @@ export class Library {
     if (name === undefined) return;
     const path = `recordings?q=${encodeURIComponent(name)}`;
     this.#note(await request<RecordingRow[]>("GET", path).catch(() => []));
+  }
+
+  async #find(recording: string | null): Promise<void> {
+    if (recording === null) return;
+    const path = `recordings/${encodeURIComponent(recording)}/path`;
+    const found = await fetch(new URL(path, document.baseURI)).catch(() => null);
+    this.isMissing.value = found?.status === 404;
   }
 
   #note(rows: readonly RecordingRow[]): void {

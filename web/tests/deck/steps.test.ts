@@ -174,6 +174,26 @@ test("without a link, seconds are counted and nothing is known of the robot", ()
   expect(stepOf(session)).toMatchObject({ id: "offline", title: "No connection for 0 s." });
 });
 
+test("a page of a recording that does not exist says so instead of connecting for ever", async () => {
+  vi.stubGlobal("fetch", async () => ({ status: 404 }));
+  history.replaceState(null, "", "?recording=run.mcap");
+  const { session, socket, pass } = openPage();
+  history.replaceState(null, "", "?");
+  socket.readyState = 3;
+  socket.onclose();
+  pass(2500);
+  await vi.advanceTimersByTimeAsync(0);
+  expect(stepOf(session)).toMatchObject({
+    id: "missing",
+    title: "This recording no longer exists.",
+    next: { text: "Back to live" },
+  });
+  vi.stubGlobal("fetch", () => Promise.reject(new Error("the dashboard has ended")));
+  pass(2500);
+  await vi.advanceTimersByTimeAsync(0);
+  expect(stepOf(session).id).toBe("offline");
+});
+
 test("a stop that nobody confirms comes before all else, and can be acknowledged", () => {
   const { session, pass } = openPage();
   session.stop.press();
