@@ -71,7 +71,6 @@ export function Actions() {
   if (lease === null || lease.isViewer) return null;
   const { you, holder, mode, requested_by: asker } = lease;
   const takeOver = () => (layout.dialog.value = "takeover");
-  const disarm = () => requests.send({ t: "disarm" });
   const release = () => requests.send({ t: "lease", op: "release" });
   const isMine = you && asker === null; // A question takes their place.
   return (
@@ -82,7 +81,7 @@ export function Actions() {
         </Quiet>
       )}
       {isMine && !AT_REST.has(mode) && (
-        <Quiet refusal={whyNotDisarm(link)} onPress={disarm}>
+        <Quiet refusal={whyNotDisarm(link)} onPress={() => requests.send({ t: "disarm" })}>
           {bar.disarm}
         </Quiet>
       )}

@@ -18,22 +18,18 @@ const ARMED = ["ready", "driving", "stopping"];
 
 export interface Action {
   text: string;
-  /** What it sends, or does. */
   does: Request | (() => void);
   refused?: Refusal | null;
   hold?: boolean;
-  /** Its key, if it has one. */
   key?: string;
 }
 
 export interface Step {
-  /** Name of the state. */
   id: string;
   title?: string;
   /** Operator's name in the title. */
   name?: string;
   detail?: string;
-  /** Fraction that is done. */
   progress?: number;
   /** The filled button, and the quiet one next to it. */
   next?: Action;
@@ -162,7 +158,6 @@ function withoutControl(link: Link, state: RobotState): Step {
   return { id: "free", title, detail: deck.freeThen, next };
 }
 
-/** Who drives, and how fast. */
 function driver(link: Link, { status }: RobotState): Step {
   const { deck } = texts();
   if (status.lease.holder === null) return { id: "free", title: deck.free };
@@ -171,7 +166,6 @@ function driver(link: Link, { status }: RobotState): Step {
   return about(status.lease.holder, "other", isMoving(link) ? drives : deck.holds);
 }
 
-/** Cause and time of the stop. */
 function latched(link: Link, { status, mode_age_s }: RobotState): Step {
   const { deck, common } = texts();
   const { stop, mode } = status;

@@ -18,7 +18,7 @@ export function WheelSpeed({ robot, limits }: { robot: RobotInfo; limits: WheelS
   const [typed, setTyped] = useState<{ label: string; text: string; rpm: number } | null>(null);
   const [chosen, setChosen] = useState<{ rpm: number; untilMs: number } | null>(null);
   const next = useRef<number | null>(null);
-  const isBusy = requests.isPending("wheel_speed");
+  const isBusy = requests.pending.value === "wheel_speed";
   useEffect(() => {
     if (isBusy || next.current === null) return; // One at a time; a later one replaces the waiting.
     requests.send({ t: "wheel_speed", cruise_speed_rpm: next.current });

@@ -7,8 +7,6 @@ import { freshness } from "./freshness";
 import type { Link } from "./link";
 
 const MOVABLE = ["ready", "driving"];
-const MOVING = ["driving", "stopping"];
-const LATCHED = ["stopped", "fault"];
 
 /** Reasons of the page; the table of texts has their sentences. */
 export type PageCode = keyof Table["common"]["refusals"];
@@ -29,9 +27,8 @@ export function stillHolds(refusal: Refusal, now: Refusal | null): boolean {
 }
 
 const modeOf = (link: Link): string => link.state.value?.status.mode ?? "";
-export const isLatched = (link: Link): boolean => LATCHED.includes(modeOf(link));
-/** Whether the robot moves, or comes to rest. */
-export const isMoving = (link: Link): boolean => MOVING.includes(modeOf(link));
+export const isLatched = (link: Link): boolean => ["stopped", "fault"].includes(modeOf(link));
+export const isMoving = (link: Link): boolean => ["driving", "stopping"].includes(modeOf(link));
 
 /** Reasons while no state is current; viewers may not drive at any time. */
 const UNKNOWN = {

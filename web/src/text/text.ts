@@ -19,8 +19,7 @@ const SOURCES: Record<Language, typeof en> = { en, de };
 export const language = remembered<Language>("tsd-language", preferred(), isOneOf(LANGUAGES));
 
 const table = computed(() => {
-  const rules = new Intl.PluralRules(language.value);
-  return tableOf(en, SOURCES[language.value], rules) as Table;
+  return tableOf(en, SOURCES[language.value], new Intl.PluralRules(language.value)) as Table;
 });
 
 /** Texts in the language of the page; components that call it follow a change. */
@@ -32,12 +31,10 @@ function preferred(): Language {
   return navigator.languages.map((tag) => tag.slice(0, 2)).find(isOneOf(LANGUAGES)) ?? "en";
 }
 
-const UNKNOWN = "–";
 const formats = new Map<string, Intl.NumberFormat>();
 
-/** Format a number with fixed decimals. */
 export function figure(value: number | null | undefined, decimals = 0): string {
-  if (value === null || value === undefined || !Number.isFinite(value)) return UNKNOWN;
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const key = `${language.value} ${decimals}`;
   const format =
     formats.get(key) ??
