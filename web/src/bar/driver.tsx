@@ -2,7 +2,7 @@
 
 import { useSession } from "../session";
 import { freshness, isCurrent } from "../store/freshness";
-import { type Refusal, whyNotDisarm, whyNotTakeControl } from "../store/permission";
+import { type Refusal, whyNot, whyNotTakeControl } from "../store/permission";
 import { nameOf, refusalText } from "../text/reasons";
 import { texts } from "../text/text";
 import { Button, type ButtonProps } from "../ui/button";
@@ -81,7 +81,7 @@ export function Actions() {
         </Quiet>
       )}
       {isMine && !AT_REST.has(mode) && (
-        <Quiet refusal={whyNotDisarm(link)} onPress={() => requests.send({ t: "disarm" })}>
+        <Quiet refusal={whyNot(link, "disarm")} onPress={() => requests.send({ t: "disarm" })}>
           {bar.disarm}
         </Quiet>
       )}

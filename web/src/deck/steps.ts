@@ -7,7 +7,7 @@ import type { Session } from "../session";
 import { freshness } from "../store/freshness";
 import type { Link } from "../store/link";
 import { isLatched, isMoving, type Refusal } from "../store/permission";
-import { whyNotArm, whyNotDrive, whyNotReset, whyNotTakeControl } from "../store/permission";
+import { whyNot, whyNotDrive, whyNotTakeControl } from "../store/permission";
 import { controlTerms, type Request } from "../store/requests";
 import { nameOf, refusalText, sentence } from "../text/reasons";
 import { duration, figure, texts } from "../text/text";
@@ -111,13 +111,13 @@ function withControl({ link, path }: Session, state: RobotState): Step {
     };
   }
   if (isLatched(link)) {
-    const refused = whyNotReset(link);
+    const refused = whyNot(link, "reset");
     const next: Action = { text: deck.reset, does: { t: "reset" }, hold: true, refused };
     return { ...latched(link, state), next };
   }
   if (mode === "disarmed") {
     const detail = deck.armThen[panel === "gimbals" || panel === "twist" ? panel : "other"];
-    const next: Action = { text: deck.arm, does: { t: "arm" }, refused: whyNotArm(link) };
+    const next: Action = { text: deck.arm, does: { t: "arm" }, refused: whyNot(link, "arm") };
     return { id: "disarmed", title: deck.yours, detail, next };
   }
   if (mode === "arming") {

@@ -3,7 +3,7 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import type { RobotInfo, WheelSpeedLimits, WheelSpeedStatus } from "../generated/wire";
 import { useSession } from "../session";
-import { whyNotWheelSpeed } from "../store/permission";
+import { whyNot } from "../store/permission";
 import { refusalText } from "../text/reasons";
 import { degrees, figure, texts } from "../text/text";
 import { Fold } from "../ui/fold";
@@ -26,7 +26,7 @@ export function WheelSpeed({ robot, limits }: { robot: RobotInfo; limits: WheelS
   }, [isBusy, chosen]);
   const status = link.state.value?.status.wheel_speed;
   const current = useShown()?.state ? status : null;
-  const refusal = whyNotWheelSpeed(link);
+  const refusal = whyNot(link, "speed");
   const isKept = chosen !== null && performance.now() <= chosen.untilMs;
   const edited = typed ? typed.rpm : isKept ? chosen.rpm : NaN;
   const asked = refusal === null && Number.isFinite(edited) ? edited : status?.requested_rpm;

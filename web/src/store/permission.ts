@@ -53,8 +53,10 @@ function robotRefusal(link: Link, request: string): Refusal | null {
   return reason ? ofRobot(reason) : null;
 }
 
+type Controlled = "arm" | "disarm" | "drive" | "reset" | "speed";
+
 /** For what requires control. */
-function notNow(link: Link, request: string): Refusal | null {
+export function whyNot(link: Link, request: Controlled): Refusal | null {
   const refusal = notAllowed(link);
   if (refusal !== null) return refusal;
   if (link.state.value?.has_control) return robotRefusal(link, request);
@@ -62,7 +64,7 @@ function notNow(link: Link, request: string): Refusal | null {
 }
 
 export function whyNotDrive(link: Link): Refusal | null {
-  const refusal = notNow(link, "drive");
+  const refusal = whyNot(link, "drive");
   if (refusal !== null) return refusal;
   // A control held while the robot stops must be released before it acts again.
   const mode = modeOf(link);
@@ -71,7 +73,7 @@ export function whyNotDrive(link: Link): Refusal | null {
 
 /** A path can be planned before the robot is armed; a latched stop ends it. */
 export function whyNotPlan(link: Link): Refusal | null {
-  return notNow(link, "disarm") ?? (isLatched(link) ? whyNotDrive(link) : null);
+  return whyNot(link, "disarm") ?? (isLatched(link) ? whyNotDrive(link) : null);
 }
 
 /** The holder can be asked, so a held lease does not matter. */
@@ -83,11 +85,6 @@ export function whyNotTakeControl(link: Link): Refusal | null {
   if (lease.reserved_for === link.welcome.value?.operator) return null;
   return robotRefusal(link, "lease");
 }
-
-export const whyNotArm = (link: Link): Refusal | null => notNow(link, "arm");
-export const whyNotDisarm = (link: Link): Refusal | null => notNow(link, "disarm");
-export const whyNotReset = (link: Link): Refusal | null => notNow(link, "reset");
-export const whyNotWheelSpeed = (link: Link): Refusal | null => notNow(link, "speed");
 
 /** STOP is for everybody, except viewers of a dashboard that forbids it. */
 export function whyNotStop(link: Link): Refusal | null {

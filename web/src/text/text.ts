@@ -15,8 +15,9 @@ export type Language = (typeof LANGUAGES)[number];
 /** The type check finds keys without a translation. */
 const SOURCES: Record<Language, typeof en> = { en, de };
 
+const preferred = navigator.languages.map((tag) => tag.slice(0, 2)).find(isOneOf(LANGUAGES));
 /** Language of the page: chosen here, else the first of the browser's that there is a table for. */
-export const language = remembered<Language>("tsd-language", preferred(), isOneOf(LANGUAGES));
+export const language = remembered<Language>("tsd-language", preferred ?? "en", isOneOf(LANGUAGES));
 
 const table = computed(() => {
   return tableOf(en, SOURCES[language.value], new Intl.PluralRules(language.value)) as Table;
@@ -25,10 +26,6 @@ const table = computed(() => {
 /** Texts in the language of the page; components that call it follow a change. */
 export function texts(): Table {
   return table.value;
-}
-
-function preferred(): Language {
-  return navigator.languages.map((tag) => tag.slice(0, 2)).find(isOneOf(LANGUAGES)) ?? "en";
 }
 
 const formats = new Map<string, Intl.NumberFormat>();
