@@ -6,14 +6,11 @@ const output = "../src/tsd_twin/dashboard/bundle";
 
 export default defineConfig({
   base: "./",
-  // Files copied as they are: the licence of the font; those of the packages are collected below.
-  publicDir: "public",
   oxc: { jsx: { runtime: "automatic", importSource: "preact" } },
   build: {
     outDir: output,
     emptyOutDir: false,
     target: "es2022",
-    sourcemap: false,
     modulePreload: false,
     license: { fileName: "LICENSES.txt" },
     // Fixed names, without hashes, so that a rebuilt bundle shows as a small difference.

@@ -13,7 +13,15 @@ const pageOrigin = new URL(location.href).searchParams.get("parent") ?? location
 // viser reconnects only while the page has the focus, which the dashboard's page usually has.
 document.hasFocus = () => true;
 const software = setParameters(new URL(location.href));
-showSceneOnly();
+
+// Hide viser's panel, notices and logo: whatever neither is the scene nor contains it. The page's
+// background shows through until the scene is drawn, and while it is resized.
+const style = document.createElement("style");
+style.textContent = `
+  body :not(canvas, :has(canvas)) { display: none !important }
+  html, body, :has(canvas) { background: transparent !important; color-scheme: light !important }
+`;
+document.head.append(style);
 
 const throttle = new RenderThrottle(() => send({ tsd: 1, t: "drawn" }));
 
@@ -30,7 +38,14 @@ addEventListener("pointerdown", () => send({ tsd: 1, t: "pointerdown" }), true);
 // The page keeps the focus, so that its keys still work after a click on the scene.
 addEventListener("mousedown", (event) => event.preventDefault(), true);
 
-watchStalls();
+// Report by how much this thread is late, when it is.
+let lastMs = performance.now();
+setInterval(() => {
+  const nowMs = performance.now();
+  const lateMs = nowMs - lastMs - TICK_MS;
+  lastMs = nowMs;
+  if (lateMs > TICK_MS) send({ tsd: 1, t: "stalled", ms: Math.round(lateMs) });
+}, TICK_MS);
 send({ tsd: 1, t: "loaded", software });
 
 function send(message: FromFrame): void {
@@ -45,28 +60,4 @@ function forwardKey(event: KeyboardEvent): void {
   if (event.isComposing) return;
   const mods = { ctrl, alt, shift, meta };
   send({ tsd: 1, t: "key", code, key, down: event.type === "keydown", repeat, mods });
-}
-
-/**
- * Hide viser's panel, notices and logo: whatever neither is the scene nor contains it. The page's
- * background shows through until the scene is drawn, and while it is resized.
- */
-function showSceneOnly(): void {
-  const style = document.createElement("style");
-  style.textContent = `
-    body :not(canvas, :has(canvas)) { display: none !important }
-    html, body, :has(canvas) { background: transparent !important; color-scheme: light !important }
-  `;
-  document.head.append(style);
-}
-
-/** Report by how much this thread is late, when it is. */
-function watchStalls(): void {
-  let lastMs = performance.now();
-  setInterval(() => {
-    const nowMs = performance.now();
-    const lateMs = nowMs - lastMs - TICK_MS;
-    lastMs = nowMs;
-    if (lateMs > TICK_MS) send({ tsd: 1, t: "stalled", ms: Math.round(lateMs) });
-  }, TICK_MS);
 }

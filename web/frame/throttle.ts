@@ -24,7 +24,6 @@ export class RenderThrottle {
   #number = 0;
   #asked = false;
 
-  /** `onDrawn` is called after each drawn frame. */
   constructor(private readonly onDrawn: () => void) {
     window.requestAnimationFrame = (callback) => {
       this.#wanted.set(++this.#number, callback);

@@ -76,7 +76,6 @@ export class Session {
     else this.stop.press();
   }
 
-  /** Change the display name of the operator. */
   rename(name: string): void {
     this.name.value = [...name.normalize("NFC")].slice(0, 40).join("");
     this.link.rename(this.name.peek());

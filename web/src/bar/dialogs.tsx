@@ -62,7 +62,6 @@ export function OwnName() {
   );
 }
 
-/** The operator's name, typed or of the login. */
 export function NameDialog() {
   const session = useSession();
   const { bar } = texts();

@@ -2,7 +2,7 @@
 
 import { useSession } from "../session";
 import { freshness, isCurrent } from "../store/freshness";
-import { type Refusal, whyNotDisarm, whyNotTakeControl } from "../store/permission";
+import { type Refusal, whyNot, whyNotTakeControl } from "../store/permission";
 import { nameOf, refusalText } from "../text/reasons";
 import { texts } from "../text/text";
 import { Button, type ButtonProps } from "../ui/button";
@@ -71,7 +71,6 @@ export function Actions() {
   if (lease === null || lease.isViewer) return null;
   const { you, holder, mode, requested_by: asker } = lease;
   const takeOver = () => (layout.dialog.value = "takeover");
-  const disarm = () => requests.send({ t: "disarm" });
   const release = () => requests.send({ t: "lease", op: "release" });
   const isMine = you && asker === null; // A question takes their place.
   return (
@@ -82,7 +81,7 @@ export function Actions() {
         </Quiet>
       )}
       {isMine && !AT_REST.has(mode) && (
-        <Quiet refusal={whyNotDisarm(link)} onPress={disarm}>
+        <Quiet refusal={whyNot(link, "disarm")} onPress={() => requests.send({ t: "disarm" })}>
           {bar.disarm}
         </Quiet>
       )}

@@ -39,7 +39,6 @@ export function Slot() {
 
 const LONG = 90; // Characters that may have to be small, or scroll.
 
-/** Explanation of the state, and the advice. */
 function Words({ step }: { step: Step }) {
   const { requests } = useSession();
   const { deck, common } = texts();
@@ -64,7 +63,7 @@ function Words({ step }: { step: Step }) {
       </b>{" "}
       <span>{rest}</span>{" "}
       <span class="warn" role="status">
-        {kind && requests.isPending(kind) && deck.sent}
+        {kind && requests.pending.value === kind && deck.sent}
         {kind && requests.unanswered.value === kind && `${common.noAnswer}.`}
       </span>
     </p>
@@ -81,7 +80,7 @@ function Act({ action, isQuiet = false }: { action: Action; isQuiet?: boolean })
   };
   if (isQuiet) return <Button edge {...act} children={text} />;
   return (
-    <NextStep {...act} hold={hold} busy={isRequest && requests.isPending(does.t)}>
+    <NextStep {...act} hold={hold} busy={isRequest && requests.pending.value === does.t}>
       {text}
       {key && " "}
       {key && <kbd>{key}</kbd>}

@@ -7,7 +7,7 @@ import type { Session } from "../session";
 import { freshness } from "../store/freshness";
 import type { Link } from "../store/link";
 import { isLatched, isMoving, type Refusal } from "../store/permission";
-import { whyNotArm, whyNotDrive, whyNotReset, whyNotTakeControl } from "../store/permission";
+import { whyNot, whyNotDrive, whyNotTakeControl } from "../store/permission";
 import { controlTerms, type Request } from "../store/requests";
 import { nameOf, refusalText, sentence } from "../text/reasons";
 import { duration, figure, texts } from "../text/text";
@@ -18,22 +18,18 @@ const ARMED = ["ready", "driving", "stopping"];
 
 export interface Action {
   text: string;
-  /** What it sends, or does. */
   does: Request | (() => void);
   refused?: Refusal | null;
   hold?: boolean;
-  /** Its key, if it has one. */
   key?: string;
 }
 
 export interface Step {
-  /** Name of the state. */
   id: string;
   title?: string;
   /** Operator's name in the title. */
   name?: string;
   detail?: string;
-  /** Fraction that is done. */
   progress?: number;
   /** The filled button, and the quiet one next to it. */
   next?: Action;
@@ -119,13 +115,13 @@ function withControl({ link, path }: Session, state: RobotState): Step {
     };
   }
   if (isLatched(link)) {
-    const refused = whyNotReset(link);
+    const refused = whyNot(link, "reset");
     const next: Action = { text: deck.reset, does: { t: "reset" }, hold: true, refused };
     return { ...latched(link, state), next };
   }
   if (mode === "disarmed") {
     const detail = deck.armThen[panel === "gimbals" || panel === "twist" ? panel : "other"];
-    const next: Action = { text: deck.arm, does: { t: "arm" }, refused: whyNotArm(link) };
+    const next: Action = { text: deck.arm, does: { t: "arm" }, refused: whyNot(link, "arm") };
     return { id: "disarmed", title: deck.yours, detail, next };
   }
   if (mode === "arming") {
@@ -166,7 +162,6 @@ function withoutControl(link: Link, state: RobotState): Step {
   return { id: "free", title, detail: deck.freeThen, next };
 }
 
-/** Who drives, and how fast. */
 function driver(link: Link, { status }: RobotState): Step {
   const { deck } = texts();
   if (status.lease.holder === null) return { id: "free", title: deck.free };
@@ -175,7 +170,6 @@ function driver(link: Link, { status }: RobotState): Step {
   return about(status.lease.holder, "other", isMoving(link) ? drives : deck.holds);
 }
 
-/** Cause and time of the stop. */
 function latched(link: Link, { status, mode_age_s }: RobotState): Step {
   const { deck, common } = texts();
   const { stop, mode } = status;

@@ -29,7 +29,6 @@ function read({ clientX, clientY }: PointerEvent, { left, top, width, height }: 
   return limited({ x: -down, y: -right, turn: 0 });
 }
 
-/** Component of a command in words. */
 function spokenOf(axis: keyof Deflection, value: number, unit: "m/s" | "rad/s"): string {
   const { deck } = texts();
   const shown = figure(Math.abs(value), 2);
@@ -88,7 +87,8 @@ function Face() {
   const shareOf = (each: Deflection) => limited(scaled(each, speed > 0 ? 1 / speed : 0));
   const asked = shareOf(drive.asked.value);
   const allowed = drive.allowed.value && shareOf(drive.allowed.value);
-  const [knob, dot] = [placeOf(asked, REACH), placeOf(allowed ?? asked, REACH)];
+  const knob = onScreen(scaled(asked, REACH));
+  const dot = onScreen(scaled(allowed ?? asked, REACH));
   const length = Math.hypot(asked.x, asked.y);
   // A ring only where the robot allows less than was chosen.
   const part = link.state.value?.status.limits.applied ?? 1;
@@ -100,11 +100,11 @@ function Face() {
       <path class="st-cross" d="M-58 0H58M0-58V58" />
       {holdsBack && <circle class="st-cap" r={REACH * length * part} />}
       <Marks />
-      <circle class="st-knob" cx={knob.x} cy={knob.y} r={KNOB} />
+      <circle class="st-knob" cx={knob.right} cy={knob.down} r={KNOB} />
       {allowed && moves && (
         <>
-          <path class="st-line" d={`M${dot.x} ${dot.y}L${knob.x} ${knob.y}`} />
-          <circle class="st-dot" cx={dot.x} cy={dot.y} r="5" />
+          <path class="st-line" d={`M${dot.right} ${dot.down}L${knob.right} ${knob.down}`} />
+          <circle class="st-dot" cx={dot.right} cy={dot.down} r="5" />
         </>
       )}
     </svg>
@@ -120,8 +120,8 @@ function Marks() {
   const front = isWorld ? heading : 0;
   const world = isWorld ? state && 0 : heading && -heading;
   const at = (angle: number, radius: number) => {
-    const { x, y } = placeOf({ x: Math.cos(angle), y: Math.sin(angle) }, radius);
-    return `translate(${x} ${y})`;
+    const { right, down } = onScreen({ x: radius * Math.cos(angle), y: radius * Math.sin(angle) });
+    return `translate(${right} ${down})`;
   };
   return (
     <>
@@ -139,11 +139,6 @@ function Marks() {
       )}
     </>
   );
-}
-
-function placeOf(share: Pick<Deflection, "x" | "y">, radius: number): { x: number; y: number } {
-  const { right, down } = onScreen(share);
-  return { x: radius * right, y: radius * down };
 }
 
 /** Changes between the axes of the robot and of the floor. */
@@ -183,7 +178,6 @@ export function Turn() {
         spoken={spokenOf("turn", turn, "rad/s")}
         mirrored
         ends={["‹", "›"]}
-        off={off !== null}
         refused={off?.text}
         looksOnly={drive.looksOnly.value}
       />

@@ -33,15 +33,12 @@ export class Drive {
   readonly level = signal(0.5);
   /** Fraction of that limit while the operator drives by a late picture; 0 stops. */
   readonly caution = signal(1);
-  /** Axes of the controls. */
   readonly frame = signal<"base_link" | "odom">("base_link");
-  /** Called when a motion has ended although a control was held. */
   onEnded: (ended: Ended) => void = () => {};
 
   /** Controls that act now: those that drive, or else those that only look. */
   readonly #acting = signal<readonly Source[]>([]);
   readonly held = computed(() => this.#acting.value.length > 0);
-  /** Whether the asked motion is only looked at. */
   readonly looksOnly = computed(() => this.#acting.value.some(({ looksOnly }) => looksOnly));
   /** Whether a control drives on with no hand on it. */
   readonly alone = computed(() => this.#acting.value.some(({ alone }) => alone));
@@ -78,7 +75,6 @@ export class Drive {
   #timer: ReturnType<typeof setInterval> | 0 = 0; // Zero while nothing is held.
   #sentMs = -Infinity;
 
-  /** `refusal` is the reason against driving now. */
   constructor(
     readonly link: Link,
     private readonly refusal: () => Refusal | null = () => whyNotDrive(link),
@@ -123,7 +119,6 @@ export class Drive {
     };
   }
 
-  /** Read the controls again. */
   changed(): void {
     // A path is held too, but cannot be followed while another hand drives.
     const yields = ({ alone, follow }: Source) => alone || follow !== undefined;
@@ -158,7 +153,6 @@ export class Drive {
     this.onEnded({ lost: true });
   }
 
-  /** Start or continue to drive. */
   #drive(): void {
     if (this.#timer === 0) {
       if (!this.#may(true)) return;

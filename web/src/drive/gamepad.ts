@@ -9,7 +9,6 @@ const DEAD_ZONE = 0.1;
 const STOP_BUTTON = 1;
 
 export class Gamepad implements Source {
-  /** Name of the gamepad in use. */
   readonly name = signal<string | null>(null);
   held = false;
   share: Deflection = CENTRED;

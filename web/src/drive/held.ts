@@ -42,27 +42,22 @@ export class HeldKeys {
   }
 }
 
-interface PointerCallbacks {
-  came: (event: PointerEvent) => void;
-  moved?: (event: PointerEvent) => void;
-  gone: (event: PointerEvent) => void;
-}
+type PointerCallbacks = Record<"came" | "moved" | "gone", (event: PointerEvent) => void>;
 
 // Browsers delay pointermove until the next frame, up to 0.4 s with a slow scene. They send
 // pointerrawupdate to secure pages only.
 const MOVES = ["pointerrawupdate", "pointermove"] as const;
 const POINTER_ENDS = ["pointerup", "pointercancel", "lostpointercapture"] as const;
 
-/** Pointer on a control, from pointerdown until released, cancelled or lost. */
+/** Pointer on a control, from pointerdown until released, cancelled or lost; `signal` ends it. */
 export class HeldPointer {
   #pointer: number | null = null;
-  readonly #ending = new AbortController();
 
   constructor(
     private readonly node: HTMLElement,
     { came, moved, gone }: PointerCallbacks,
+    signal?: AbortSignal,
   ) {
-    const { signal } = this.#ending;
     const isOwn = ({ pointerId }: PointerEvent) => pointerId === this.#pointer;
     const grab = (event: PointerEvent) => {
       if (this.down || event.button !== 0) return;
@@ -78,7 +73,7 @@ export class HeldPointer {
       gone(event);
     };
     node.addEventListener("pointerdown", grab, { signal });
-    const move = (event: Event) => isOwn(event as PointerEvent) && moved?.(event as PointerEvent);
+    const move = (event: Event) => isOwn(event as PointerEvent) && moved(event as PointerEvent);
     for (const type of MOVES) node.addEventListener(type, move, { signal });
     for (const end of POINTER_ENDS) node.addEventListener(end, drop, { signal });
     node.addEventListener("contextmenu", (event) => event.preventDefault(), { signal });
@@ -94,11 +89,5 @@ export class HeldPointer {
     this.#pointer = null;
     if (pointer !== null && this.node.hasPointerCapture(pointer))
       this.node.releasePointerCapture(pointer);
-  }
-
-  /** Stop listening. */
-  end(): void {
-    this.cancel();
-    this.#ending.abort();
   }
 }

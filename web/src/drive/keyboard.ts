@@ -55,13 +55,11 @@ export class Keyboard implements Source {
    * for a key that is held, when it comes up, wherever the focus is then.
    */
   bind(keys: Record<string, Command>, released?: Command): () => void {
-    const bound = Object.entries(keys).map(
-      ([code, pressed]) => [code, { pressed, released }] as const,
-    );
-    for (const [code, binding] of bound) this.#commands.set(code, binding);
+    const bound = Object.entries(keys);
+    for (const [code, pressed] of bound) this.#commands.set(code, { pressed, released });
     return () => {
-      for (const [code, binding] of bound)
-        if (this.#commands.get(code) === binding) this.#commands.delete(code);
+      for (const [code, pressed] of bound)
+        if (this.#commands.get(code)?.pressed === pressed) this.#commands.delete(code);
     };
   }
 

@@ -90,14 +90,12 @@ export class Path implements Source, Holder {
     } else if (this.route.peek() !== null) this.link.send({ t: "clear_plan" }); // Not wanted now.
   }
 
-  /** Discard the path and return to the stick. */
   clear(): void {
     if (this.held) this.drive.release();
     this.link.send({ t: "clear_plan" });
     this.choose("stick");
   }
 
-  /** Why the path cannot be followed now, or null. */
   whyNotGo(): Refusal | null {
     const refusal = whyNotDrive(this.link);
     if (refusal !== null || this.going.value) return refusal;
@@ -116,7 +114,6 @@ export class Path implements Source, Holder {
     };
   }
 
-  /** Follow the path while one of its controls is held. */
   changed(): void {
     if (![...this.#controls].some(({ held }) => held)) this.letGo();
     else if (!this.hold()) this.cancel();
@@ -167,7 +164,6 @@ export class Path implements Source, Holder {
   }
 }
 
-/** Whether a path has ended, at its goal or not. */
 export function isOver({ phase }: RouteState): boolean {
   return phase === "arrived" || phase === "ended";
 }

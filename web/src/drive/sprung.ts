@@ -5,9 +5,6 @@ import { CENTRED, type Deflection } from "./axes";
 import type { Source } from "./drive";
 import { HeldKeys, HeldPointer, type KeyMeanings } from "./held";
 
-/** Deflection of a pointer, from its place in the box of the control. */
-export type Reading = (event: PointerEvent, box: DOMRect) => Deflection;
-
 /** What a control reports to: the command, or a group of controls that are one part of it. */
 export interface Holder {
   add(control: SprungControl): () => void;
@@ -22,7 +19,7 @@ export class SprungControl implements Source {
 
   constructor(
     private readonly holder: Holder,
-    private readonly read: Reading,
+    private readonly read: (event: PointerEvent, box: DOMRect) => Deflection,
     private readonly meanings: KeyMeanings,
   ) {}
 
@@ -45,14 +42,10 @@ export class SprungControl implements Source {
     if (node === null) return () => {};
     const follow = (event: PointerEvent) =>
       this.#place(this.read(event, node.getBoundingClientRect()));
-    const pointer = new HeldPointer(node, {
-      came: follow,
-      moved: follow,
-      gone: () => this.#follow(),
-    });
-    this.#pointer = pointer;
     const ending = new AbortController();
     const { signal } = ending;
+    const gone = () => this.#follow();
+    this.#pointer = new HeldPointer(node, { came: follow, moved: follow, gone }, signal);
     for (const type of ["keydown", "keyup"] as const)
       node.addEventListener(type, (event) => this.#press(event), { signal });
     // A pointer stays: another finger, on another control, takes the focus.
@@ -61,7 +54,6 @@ export class SprungControl implements Source {
     const remove = this.holder.add(this);
     return () => {
       remove();
-      pointer.end();
       this.#pointer = null;
       ending.abort();
     };
@@ -76,7 +68,6 @@ export class SprungControl implements Source {
     this.holder.changed();
   }
 
-  /** Follow the held keys, if any. */
   #follow(): void {
     this.#place(this.#keys.sum(this.meanings));
   }

@@ -37,7 +37,6 @@ export class Stop {
     effect(() => void (link.beat.value && this.#retry()));
   }
 
-  /** Stop the robot. */
   press(): void {
     const { link } = this;
     const refusal = whyNotStop(link);

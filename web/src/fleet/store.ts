@@ -1,40 +1,33 @@
 // States of all robots while the page shows them, and the stops that it has requested.
 
 import { effect, signal } from "@preact/signals";
-import type {
-  Fleet,
-  FleetEvent,
-  FleetRobot,
-  Reason,
-  StopCommand,
-  StopResult,
-} from "../generated/wire";
+import type * as wire from "../generated/wire";
 import type { Link } from "../store/link";
 
 const MAX_EVENTS = 12;
 const SAME_EVENT_MS = 1000; // Two messages about an event differ by less in its age.
 
 /** A robot, with the times of its message on the clock of this page. */
-export interface Row extends FleetRobot {
+export interface Row extends wire.FleetRobot {
   seenMs: number | null;
-  event: (FleetEvent & { atMs: number }) | null;
+  event: (wire.FleetEvent & { atMs: number }) | null;
 }
 
 /** How far a stop has come; `offline`: the page has no dashboard to send it to. */
-export type Outcome = StopResult["outcome"] | "offline";
+export type Outcome = wire.StopResult["outcome"] | "offline";
 
 export class FleetStore {
   /** All robots, in the order of the dashboard. */
   readonly rows = signal<readonly Row[]>([]);
   /** Whether the list has arrived since it was requested. */
   readonly known = signal(false);
-  readonly poses = signal<Fleet["poses"]>({});
+  readonly poses = signal<wire.Fleet["poses"]>({});
   /** Robots as they were when something happened, latest first. */
   readonly events = signal<readonly Row[]>([]);
   /** Latest stops requested here, by robot. */
   readonly outcomes = signal<Readonly<Record<string, Outcome | null>>>({});
   /** Why the latest stop did not reach a robot, by robot. */
-  readonly missed = signal<Readonly<Record<string, Reason | null>>>({});
+  readonly missed = signal<Readonly<Record<string, wire.Reason | null>>>({});
   /** Whether STOP ALL was pressed since the page was opened. */
   readonly stoppedAll = signal(false);
 
@@ -67,16 +60,16 @@ export class FleetStore {
     this.stoppedAll.value = true;
   }
 
-  #sent(stop: StopCommand): Outcome {
+  #sent(stop: wire.StopCommand): Outcome {
     return this.link.send(stop) ? "sent" : "offline";
   }
 
-  #note(id: string, outcome: Outcome | null, why: Reason | null = null): void {
+  #note(id: string, outcome: Outcome | null, why: wire.Reason | null = null): void {
     this.missed.value = { ...this.missed.peek(), [id]: why };
     this.outcomes.value = { ...this.outcomes.peek(), [id]: outcome };
   }
 
-  #take({ whole, robots, poses }: Fleet): void {
+  #take({ whole, robots, poses }: wire.Fleet): void {
     const rows = new Map(whole ? [] : this.rows.peek().map((row) => [row.id, row]));
     const heard = robots.map(timed);
     const happened = heard.filter((row) => isNews(row, rows.get(row.id)));
@@ -93,7 +86,7 @@ export class FleetStore {
   }
 }
 
-function timed(robot: FleetRobot): Row {
+function timed(robot: wire.FleetRobot): Row {
   const ago = (ageS: number) => Date.now() - 1000 * ageS;
   const { age_s, event } = robot;
   return {

@@ -10,15 +10,8 @@ import { duration, language, texts } from "../text/text";
 import { FeedLine } from "../timeline/clock";
 import { Fold } from "../ui/fold";
 import { Icon } from "../ui/icon";
-import {
-  type Band,
-  type GroupKey,
-  type Groups,
-  Increases,
-  type Level,
-  type Row,
-  rowsOf,
-} from "./rows";
+import type { Band, GroupKey, Groups, Level, Row } from "./rows";
+import { Increases, rowsOf } from "./rows";
 import "./health.css";
 
 const BEATS = 3; // Figures change about three times a second, so that they can be read.
@@ -96,7 +89,6 @@ function Readings({ rows, label }: { rows: readonly Row[]; label?: string }) {
   );
 }
 
-/** The band with its limits, and a mark at the reading. */
 function Scale({ band: { least, most, from, to, at } }: { band: Band }) {
   const percent = (value: number) =>
     `${Math.max(0, Math.min(100, (100 * (value - from)) / (to - from)))}%`;
@@ -158,7 +150,6 @@ export function inspect(link: Link, recent: Increases) {
   });
 }
 
-/** Rows outside their bands, the worst first. */
 function outside(rows: readonly Row[]): Row[] {
   return rows.filter(({ level }) => level > 0).sort((a, b) => b.level - a.level);
 }

@@ -90,7 +90,6 @@ function plain(name: string, value: string, unit = ""): Row {
 interface Limits extends Omit<Partial<Band>, "at"> {
   most: number;
   to: number;
-  /** Level outside the band. */
   level?: Level;
   /** Object named in the remedy; by default, the limit. */
   about?: string;
@@ -125,7 +124,6 @@ export function remedyOf(key: string, about: string): string {
   return typeof text === "string" ? text : text(about);
 }
 
-/** Name of an actuator on the page. */
 export function actuator(name: string): string {
   const { module, wheelNumber } = texts().panel.wheels;
   const [, kind, number = ""] = /^(module|wheel)(\d+)$/.exec(name) ?? [];
@@ -203,7 +201,6 @@ function biasRow(name: string, value: number, sigma: number): Row {
 
 const sum = (counts: object) => Object.values(counts).reduce((all: number, n) => all + n, 0);
 
-/** Dropped commands by reason. */
 function reasons(counts: object): string {
   const words: Record<string, string> = texts().health.drops;
   const found = Object.entries(counts).filter(([, n]) => n > 0);

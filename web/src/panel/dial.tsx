@@ -37,7 +37,6 @@ export function tipOf([x, y]: readonly [number, number], most: number): Point {
   return onScreen({ x: scale * x, y: scale * y });
 }
 
-/** The ring and its marks. */
 export function Ring({ label, children }: { label: string; children: ComponentChildren }) {
   return (
     <svg class="dial" viewBox="-42 -42 84 84" role="img" aria-label={label}>

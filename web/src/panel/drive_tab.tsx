@@ -61,10 +61,7 @@ function Command({ sliders, robot }: { sliders: PanelSliders; robot: RobotInfo }
         <Segmented
           label={words.effect}
           value={mode === "looks" ? "looks" : "springs"}
-          choices={[
-            { value: "springs", text: words.drive },
-            { value: "looks", text: words.look },
-          ]}
+          choices={{ springs: words.drive, looks: words.look }}
           onChoose={(value) => sliders.choose(value)}
         />
         <Menu
@@ -135,7 +132,6 @@ function Axis({ axis, sliders, robot }: AxisProps) {
         most={axis === "turn" ? turn : speed}
         spoken={asked === 0 ? words.zero : words.spoken(figure(Math.abs(asked), 2), unit, way)}
         mirrored={mirrored}
-        off={refusal !== null}
         refused={refusal && refusalText(refusal)}
         looksOnly={looks}
       />

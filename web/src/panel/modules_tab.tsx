@@ -10,17 +10,8 @@ import { refusalText } from "../text/reasons";
 import { figure, texts } from "../text/text";
 import { Button } from "../ui/button";
 import { REACH, Ring } from "./dial";
-import {
-  type Actuator,
-  type Shown,
-  Table,
-  Values,
-  actuatorsOf,
-  poseRows,
-  quantity,
-  useShown,
-  value,
-} from "./table";
+import type { Actuator, Shown } from "./table";
+import { Table, Values, actuatorsOf, poseRows, quantity, useShown, value } from "./table";
 
 const SHUT_OFF = new Set(["disarmed", "stopped", "fault"]);
 const OFF_DEG = 0.5; // A gimbal that is farther from its set-point does not follow.

@@ -1,7 +1,7 @@
 // The sliders of the panel as one control: they drive, or only look, and may keep their values.
 
 import { computed, signal } from "@preact/signals";
-import { CENTRED, type Deflection } from "../drive/axes";
+import { CENTRED, type Deflection, total } from "../drive/axes";
 import type { Drive, Source } from "../drive/drive";
 import type { Holder, SprungControl } from "../drive/sprung";
 import type { JointPreview } from "../generated/wire";
@@ -50,9 +50,7 @@ export class PanelSliders implements Source, Holder {
   }
 
   get share(): Deflection {
-    let { x, y, turn } = CENTRED;
-    for (const one of this.#asked.values()) [x, y, turn] = [x + one.x, y + one.y, turn + one.turn];
-    return { x, y, turn };
+    return total([...this.#asked.values()]);
   }
 
   add(control: SprungControl): () => void {

@@ -1,14 +1,7 @@
 // Tables of figures: quantities down, modules or kinds of values across.
 
 import type { ComponentChildren } from "preact";
-import type {
-  GimbalPose,
-  GimbalState,
-  JointPreview,
-  RobotInfo,
-  RobotState,
-  WheelState,
-} from "../generated/wire";
+import type * as wire from "../generated/wire";
 import { useSession } from "../session";
 import { currentState } from "../store/freshness";
 import { figure, texts } from "../text/text";
@@ -16,11 +9,11 @@ import { Figure } from "../ui/figure";
 
 /** Data of a robot for the panel. */
 export interface Shown {
-  robot: RobotInfo;
+  robot: wire.RobotInfo;
   /** Null while the figures are not those of now. */
-  state: RobotState | null;
+  state: wire.RobotState | null;
   /** Joints that are only looked at, in place of the set-points. */
-  preview?: JointPreview | null;
+  preview?: wire.JointPreview | null;
 }
 
 /** Robot in view and its state, or null without a robot. */
@@ -31,12 +24,12 @@ export function useShown(): Shown | null {
 }
 
 /** A wheel, on its module if it has one. */
-type Pose = Pick<GimbalPose, "rpm" | "push"> & Partial<GimbalPose>;
+type Pose = Pick<wire.GimbalPose, "rpm" | "push"> & Partial<wire.GimbalPose>;
 
 export interface Actuator {
   id: string;
   name: string;
-  measured: (Pose & Partial<GimbalState> & Partial<WheelState>) | undefined;
+  measured: (Pose & Partial<wire.GimbalState> & Partial<wire.WheelState>) | undefined;
   /** Set-point or preview. */
   goal: Pose | undefined;
 }
@@ -79,7 +72,6 @@ export function poseRows(poses: readonly (Pose | undefined)[], isGimbal: boolean
 
 export type Row = readonly ComponentChildren[];
 
-/** Row of a quantity: its name and its figures. */
 export function quantity(
   name: ComponentChildren,
   unit: string,

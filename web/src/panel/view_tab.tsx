@@ -8,21 +8,19 @@ import { Segmented } from "../ui/segmented";
 
 const THEMES = { system: null, light: false, dark: true };
 
-/** Choice of the colours of the page. */
 export function ThemeChoice() {
   const { view } = useSession();
   const { theme: label, themes: words } = texts().panel.view;
   const all = Object.keys(THEMES) as (keyof typeof THEMES)[];
   const theme = all.find((one) => THEMES[one] === view.settings.value.dark) ?? "system";
   const choose = (one: typeof theme) => view.set({ dark: THEMES[one] });
-  return <Segmented label={label} value={theme} choices={choicesOf(words)} onChoose={choose} />;
+  return <Segmented label={label} value={theme} choices={words} onChoose={choose} />;
 }
 
 export function LanguageChoice() {
   const { language: label, languages: words } = texts().panel.view;
   const choose = (one: Language) => (language.value = one);
-  const choices = choicesOf(words);
-  return <Segmented label={label} value={language.value} choices={choices} onChoose={choose} />;
+  return <Segmented label={label} value={language.value} choices={words} onChoose={choose} />;
 }
 
 export function ViewTab() {
@@ -83,13 +81,8 @@ function choice<T extends string>(
   words: Record<T, string>,
   onChoose: (value: T) => void,
 ) {
-  const choices = choicesOf(words);
-  const all = <Segmented label={label} value={value} choices={choices} onChoose={onChoose} />;
+  const all = <Segmented label={label} value={value} choices={words} onChoose={onChoose} />;
   return labelled(label, all);
-}
-
-function choicesOf<T extends string>(words: Record<T, string>) {
-  return (Object.entries<string>(words) as [T, string][]).map(([value, text]) => ({ value, text }));
 }
 
 function labelled(label: string, choices: ComponentChild) {

@@ -3,7 +3,7 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import type { RobotInfo, WheelSpeedLimits, WheelSpeedStatus } from "../generated/wire";
 import { useSession } from "../session";
-import { whyNotWheelSpeed } from "../store/permission";
+import { whyNot } from "../store/permission";
 import { refusalText } from "../text/reasons";
 import { degrees, figure, texts } from "../text/text";
 import { Fold } from "../ui/fold";
@@ -18,7 +18,7 @@ export function WheelSpeed({ robot, limits }: { robot: RobotInfo; limits: WheelS
   const [typed, setTyped] = useState<{ label: string; text: string; rpm: number } | null>(null);
   const [chosen, setChosen] = useState<{ rpm: number; untilMs: number } | null>(null);
   const next = useRef<number | null>(null);
-  const isBusy = requests.isPending("wheel_speed");
+  const isBusy = requests.pending.value === "wheel_speed";
   useEffect(() => {
     if (isBusy || next.current === null) return; // One at a time; a later one replaces the waiting.
     requests.send({ t: "wheel_speed", cruise_speed_rpm: next.current });
@@ -26,7 +26,7 @@ export function WheelSpeed({ robot, limits }: { robot: RobotInfo; limits: WheelS
   }, [isBusy, chosen]);
   const status = link.state.value?.status.wheel_speed;
   const current = useShown()?.state ? status : null;
-  const refusal = whyNotWheelSpeed(link);
+  const refusal = whyNot(link, "speed");
   const isKept = chosen !== null && performance.now() <= chosen.untilMs;
   const edited = typed ? typed.rpm : isKept ? chosen.rpm : NaN;
   const asked = refusal === null && Number.isFinite(edited) ? edited : status?.requested_rpm;

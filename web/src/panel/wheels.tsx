@@ -6,16 +6,8 @@ import type { JointPreview } from "../generated/wire";
 import { sentence } from "../text/reasons";
 import { figure, texts } from "../text/text";
 import { Dial, endOfAxle, ringRange, tipOf } from "./dial";
-import {
-  actuatorsOf,
-  poseRows,
-  pushOf,
-  type Row,
-  type Shown,
-  Table,
-  useShown,
-  Values,
-} from "./table";
+import type { Row, Shown } from "./table";
+import { actuatorsOf, poseRows, pushOf, Table, useShown, Values } from "./table";
 
 const COLUMNS = 4; // Per table; the next four wheels follow below.
 

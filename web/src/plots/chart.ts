@@ -34,7 +34,6 @@ export function stylesOf(fields: readonly PlotField[]) {
 /** All charts of the page; they share a cursor. */
 const group = uPlot.sync("tsd-plots");
 
-/** Draw the charts that are shown. */
 export function drawCharts(buffer: PlotBuffer): void {
   for (const plot of group.plots) {
     const { clientWidth: width } = plot.root.parentElement!;

@@ -156,7 +156,6 @@ function Layouts({ recorder }: { recorder: Recorder }) {
   return <Menu label={words.layouts} button={words.layouts} items={items} class="layouts" />;
 }
 
-/** Selection of the plotted fields, with search. */
 function Chooser({ view }: { view: PlotView }) {
   const { recorder } = view;
   const { known, layout, names } = recorder;

@@ -18,12 +18,10 @@ type Layouts = Record<string, unknown>;
 export class Recorder {
   readonly buffer = new PlotBuffer();
   readonly layout = signal<PlotLayout>({ windowS: 20, panes: [] });
-  /** All fields, by name. */
   readonly known = signal<ReadonlyMap<string, PlotField>>(new Map());
   readonly saved = remembered<Layouts>("tsd-plot-layouts", {}, isObject);
   /** Right edge of the plots in robot time while they are paused, else null: now. */
   readonly endS = signal<number | null>(null);
-  /** Recorded robot. */
   robot: RobotInfo | null = null;
   /** Seconds to add to robot time for time in the recording, or for the clock of this page. */
   offsetS = NaN;

@@ -3,13 +3,7 @@
 import { useComputed } from "@preact/signals";
 import { isOnFloor } from "../drive/axes";
 import { isOver, type Path } from "../drive/path";
-import {
-  CAMERA_PRESETS,
-  type CameraPreset,
-  type Layer,
-  type RobotInfo,
-  TILT_FACTORS,
-} from "../generated/wire";
+import { type Layer, type RobotInfo, TILT_FACTORS } from "../generated/wire";
 import { useSession } from "../session";
 import { freshness, isCurrent } from "../store/freshness";
 import { whyNotPlan } from "../store/permission";
@@ -24,6 +18,7 @@ import { PicturePane } from "./picture_pane";
 export function Modes() {
   const { link, path } = useSession();
   const { modes, path: labels } = texts().scene;
+  const { label, ...choices } = modes;
   if (freshness(link).kind === "recorded" || !isOnFloor(link.robot.value)) return null;
   const refusal = whyNotPlan(link);
   const refused = refusal && refusalText(refusal);
@@ -32,13 +27,10 @@ export function Modes() {
     <div class="corner tl">
       <div data-covers>
         <Segmented
-          label={modes.label}
+          label={label}
           value={path.mode.value}
-          choices={[
-            { value: "stick", text: modes.stick },
-            { value: "to", text: modes.to, refused },
-            { value: "draw", text: modes.draw, refused },
-          ]}
+          choices={choices}
+          refused={{ to: refused, draw: refused }}
           onChoose={(mode) => (mode === "stick" ? path.clear() : path.choose(mode))}
         />
       </div>
@@ -80,14 +72,12 @@ function pathText({ route: { value: route }, mode: { value: mode } }: Path): str
 export function Cameras() {
   const { view, pictures } = useSession();
   const { cameras, home, pictures: words } = texts().scene;
-  const choices: { value: CameraPreset | "picture"; text: string }[] = CAMERA_PRESETS.map(
-    (value) => ({ value, text: cameras[value] }),
-  );
-  if (pictures.camera.value !== null) choices.push({ value: "picture", text: words.label });
+  const { label, ...presets } = cameras;
+  const choices = { ...presets, ...(pictures.camera.value && { picture: words.label }) };
   return (
     <div class="corner tr" data-covers>
       <Segmented
-        label={cameras.label}
+        label={label}
         value={pictures.main.value ? "picture" : view.settings.value.camera}
         choices={choices}
         onChoose={(camera) => {

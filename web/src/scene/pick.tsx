@@ -33,7 +33,6 @@ const MAX_POINTS = 200; // A message allows slightly more.
 export class Picker {
   /** Pixels of the current click, drag or line. */
   readonly stroke = signal<readonly Pixel[]>([]);
-  /** Width and height of the surface. */
   readonly size = signal<Pixel>([1, 1]);
 
   constructor(
@@ -131,17 +130,19 @@ export function PickLayer({ picker }: { picker: Picker }) {
       const { left, top } = node.getBoundingClientRect();
       return [clientX - left, clientY - top];
     };
-    const pointer = new HeldPointer(node, {
-      came: (event) => picker.begin(placeOf(event)),
-      moved: (event) => picker.move(placeOf(event)),
-      gone: ({ type }) => (type === "pointerup" ? picker.finish() : picker.cancel()),
-    });
+    const ending = new AbortController();
+    const held = {
+      came: (event: PointerEvent) => picker.begin(placeOf(event)),
+      moved: (event: PointerEvent) => picker.move(placeOf(event)),
+      gone: ({ type }: PointerEvent) => (type === "pointerup" ? picker.finish() : picker.cancel()),
+    };
+    new HeldPointer(node, held, ending.signal);
     const resized = new ResizeObserver(() => {
       picker.size.value = [node.clientWidth || 1, node.clientHeight || 1];
     });
     resized.observe(node);
     return () => {
-      pointer.end();
+      ending.abort();
       resized.disconnect();
     };
   }, [picker]);

@@ -105,7 +105,6 @@ export class PictureFeed {
     this.main.value = false;
   }
 
-  /** Draw on a canvas; returns a function that ends it. */
   drawOn(canvas: HTMLCanvasElement): () => void {
     this.#canvas = canvas;
     return () => (this.#canvas = null);

@@ -58,7 +58,6 @@ export function PicturePane() {
   );
 }
 
-/** Name of the camera, or a choice where there are several. */
 function Choice({ pictures }: { pictures: PictureFeed }) {
   const { pictures: words } = texts().scene;
   const shown = pictures.camera.value!;

@@ -9,7 +9,6 @@ export type Tab = (typeof TABS)[number];
 const screenInAddress = () => (location.hash === "#fleet" ? "fleet" : "robot");
 const SIDEWAYS = "(max-height: 599px) and (pointer: coarse) and (orientation: landscape)";
 
-/** Signal that follows a media query. */
 export function media(query: string): Signal<boolean> {
   const list = matchMedia(query);
   const matches = signal(list.matches);
@@ -30,7 +29,6 @@ export class Layout {
     const widths: Partial<Record<Tab, string>> = { plots: "wide", student: "wider" };
     return this.tab.value === "drive" && this.beside.value ? "wide" : widths[this.tab.value];
   });
-  /** Open dialog of the bar. */
   readonly dialog = signal<"sheet" | "name" | "takeover" | null>(null);
   readonly screen = signal<"robot" | "fleet">(screenInAddress());
   /** Below 900 px of width the panel is a drawer. */
@@ -51,7 +49,6 @@ export class Layout {
     addEventListener("hashchange", () => (this.screen.value = screenInAddress()));
   }
 
-  /** Open a tab of the panel. */
   open(tab: Tab): void {
     this.tab.value = tab;
     this.folded.value = false;

@@ -1,23 +1,14 @@
 // Connection to the dashboard: the latest message of each kind as signals, and the round trip.
 
 import { signal } from "@preact/signals";
-import type {
-  PageMessage,
-  RecordedPageMessage,
-  RecordedServerMessage,
-  RobotEvent,
-  RobotInfo,
-  RobotState,
-  ServerMessage,
-  SessionInfo,
-} from "../generated/wire";
+import type * as wire from "../generated/wire";
 import { Lanes, MAX_BUFFERED_BYTES, SILENT_MS } from "./lanes";
 
-type Incoming = ServerMessage | RecordedServerMessage;
+type Incoming = wire.ServerMessage | wire.RecordedServerMessage;
 type Kind = Incoming["t"];
 type Listener<K extends Kind> = (message: Extract<Incoming, { t: K }>) => void;
 
-export interface PastEvent extends RobotEvent {
+export interface PastEvent extends wire.RobotEvent {
   /** Wall-clock time of the event. */
   atMs: number;
 }
@@ -32,7 +23,6 @@ const MAX_ROUND_TRIPS = 50; // Five seconds.
 const MAX_STATES = 100;
 const MAX_HISTORY = 100;
 
-/** Address of a WebSocket of the dashboard. */
 export function socketAddress(path: string, query: Record<string, string>): URL {
   const address = new URL(`${path}?${new URLSearchParams(query)}`, document.baseURI);
   address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
@@ -41,9 +31,9 @@ export function socketAddress(path: string, query: Record<string, string>): URL 
 
 export class Link {
   readonly connected = signal(false);
-  readonly welcome = signal<SessionInfo | null>(null);
-  readonly robot = signal<RobotInfo | null>(null);
-  readonly state = signal<RobotState | null>(null);
+  readonly welcome = signal<wire.SessionInfo | null>(null);
+  readonly robot = signal<wire.RobotInfo | null>(null);
+  readonly state = signal<wire.RobotState | null>(null);
   /** Events of the robot, oldest first. */
   readonly history = signal<readonly PastEvent[]>([]);
   /** Counts heartbeats: whatever depends on the time that passes reads it. */
@@ -102,7 +92,7 @@ export class Link {
   }
 
   /** Send a message without queueing; return whether it was sent. */
-  send(message: PageMessage | RecordedPageMessage): boolean {
+  send(message: wire.PageMessage | wire.RecordedPageMessage): boolean {
     const main = this.#socket;
     if (main?.readyState !== WebSocket.OPEN) return false;
     const isUrgent = URGENT.has(message.t);
@@ -114,7 +104,7 @@ export class Link {
   }
 
   /** Number a message, so that the dashboard recognizes it if another socket delivers it late. */
-  #numbered(message: PageMessage | RecordedPageMessage): object {
+  #numbered(message: wire.PageMessage | wire.RecordedPageMessage): object {
     if (message.t === "heartbeat" || !(LATEST.has(message.t) || URGENT.has(message.t)))
       return message;
     const number = (this.#number += 1);
@@ -228,14 +218,14 @@ export class Link {
   }
 
   /** After reconnecting, select the same robot. */
-  #keepRobot({ robot, robots }: SessionInfo): void {
+  #keepRobot({ robot, robots }: wire.SessionInfo): void {
     const before = this.#requestedRobot ?? this.robot.peek()?.id ?? robot;
     if (before !== null && before !== robot && robots.some(({ id }) => id === before))
       this.send({ t: "robot", id: before });
   }
 
   /** Count a state; return whether it is of another robot, or another socket has overtaken it. */
-  #isLate({ selection, status_seq }: RobotState): boolean {
+  #isLate({ selection, status_seq }: wire.RobotState): boolean {
     const ordered = selection > 0;
     if (ordered && selection !== this.robot.peek()?.selection) return true;
     const newest = Math.max(-1, ...this.#seen);

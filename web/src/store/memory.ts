@@ -22,7 +22,6 @@ export const isFlag = (stored: unknown): stored is boolean => typeof stored === 
 export const isObject = <T extends object>(stored: unknown): stored is T =>
   typeof stored === "object" && stored !== null;
 
-/** Check that a stored value is one of `choices`. */
 export function isOneOf<T extends string>(choices: readonly T[]) {
   return (stored: unknown): stored is T => choices.includes(stored as T);
 }

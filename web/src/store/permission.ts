@@ -7,8 +7,6 @@ import { freshness } from "./freshness";
 import type { Link } from "./link";
 
 const MOVABLE = ["ready", "driving"];
-const MOVING = ["driving", "stopping"];
-const LATCHED = ["stopped", "fault"];
 
 /** Reasons of the page; the table of texts has their sentences. */
 export type PageCode = keyof Table["common"]["refusals"];
@@ -29,9 +27,8 @@ export function stillHolds(refusal: Refusal, now: Refusal | null): boolean {
 }
 
 const modeOf = (link: Link): string => link.state.value?.status.mode ?? "";
-export const isLatched = (link: Link): boolean => LATCHED.includes(modeOf(link));
-/** Whether the robot moves, or comes to rest. */
-export const isMoving = (link: Link): boolean => MOVING.includes(modeOf(link));
+export const isLatched = (link: Link): boolean => ["stopped", "fault"].includes(modeOf(link));
+export const isMoving = (link: Link): boolean => ["driving", "stopping"].includes(modeOf(link));
 
 /** Reasons while no state is current; viewers may not drive at any time. */
 const UNKNOWN = {
@@ -56,8 +53,10 @@ function robotRefusal(link: Link, request: string): Refusal | null {
   return reason ? ofRobot(reason) : null;
 }
 
+type Controlled = "arm" | "disarm" | "drive" | "reset" | "speed";
+
 /** For what requires control. */
-function notNow(link: Link, request: string): Refusal | null {
+export function whyNot(link: Link, request: Controlled): Refusal | null {
   const refusal = notAllowed(link);
   if (refusal !== null) return refusal;
   if (link.state.value?.has_control) return robotRefusal(link, request);
@@ -65,7 +64,7 @@ function notNow(link: Link, request: string): Refusal | null {
 }
 
 export function whyNotDrive(link: Link): Refusal | null {
-  const refusal = notNow(link, "drive");
+  const refusal = whyNot(link, "drive");
   if (refusal !== null) return refusal;
   // A control held while the robot stops must be released before it acts again.
   const mode = modeOf(link);
@@ -74,7 +73,7 @@ export function whyNotDrive(link: Link): Refusal | null {
 
 /** A path can be planned before the robot is armed; a latched stop ends it. */
 export function whyNotPlan(link: Link): Refusal | null {
-  return notNow(link, "disarm") ?? (isLatched(link) ? whyNotDrive(link) : null);
+  return whyNot(link, "disarm") ?? (isLatched(link) ? whyNotDrive(link) : null);
 }
 
 /** The holder can be asked, so a held lease does not matter. */
@@ -86,11 +85,6 @@ export function whyNotTakeControl(link: Link): Refusal | null {
   if (lease.reserved_for === link.welcome.value?.operator) return null;
   return robotRefusal(link, "lease");
 }
-
-export const whyNotArm = (link: Link): Refusal | null => notNow(link, "arm");
-export const whyNotDisarm = (link: Link): Refusal | null => notNow(link, "disarm");
-export const whyNotReset = (link: Link): Refusal | null => notNow(link, "reset");
-export const whyNotWheelSpeed = (link: Link): Refusal | null => notNow(link, "speed");
 
 /** STOP is for everybody, except viewers of a dashboard that forbids it. */
 export function whyNotStop(link: Link): Refusal | null {

@@ -20,7 +20,6 @@ export function controlTerms(link: Link): { max_age_s: number | null } {
 }
 
 export class Requests {
-  /** Kind of the pending request. */
   readonly pending = signal<Request["t"] | null>(null);
   /** Kind of the latest request, if it had no answer. */
   readonly unanswered = signal<Request["t"] | null>(null);
@@ -47,10 +46,6 @@ export class Requests {
     this.pending.value = request.t;
     this.#sentMs = performance.now();
     if (!this.link.send(request)) this.#giveUp();
-  }
-
-  isPending(kind: Request["t"]): boolean {
-    return this.pending.value === kind;
   }
 
   #giveUp(): void {

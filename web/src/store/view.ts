@@ -1,13 +1,8 @@
 // How the scene looks on this page: camera, layers, exaggerated tilt, colours.
 
 import { computed, effect } from "@preact/signals";
-import {
-  CAMERA_PRESETS,
-  LAYERS,
-  TILT_FACTORS,
-  TRUE_POSE_DISPLAYS,
-  type ViewSettings,
-} from "../generated/wire";
+import type { ViewSettings } from "../generated/wire";
+import { CAMERA_PRESETS, LAYERS, TILT_FACTORS, TRUE_POSE_DISPLAYS } from "../generated/wire";
 import { media } from "./layout";
 import type { Link } from "./link";
 import { isObject, isOneOf, remembered } from "./memory";
@@ -46,7 +41,6 @@ export class View {
   readonly settings = remembered("tsd-view", INITIAL, isObject<Settings>);
   readonly sharpness = remembered<Sharpness>("tsd-sharpness", "auto", isOneOf(SHARPNESS));
   readonly #prefersDark = media("(prefers-color-scheme: dark)");
-  /** Whether dark colours are shown now. */
   readonly dark = computed(() => this.settings.value.dark ?? this.#prefersDark.value);
 
   constructor(private readonly link: Link) {

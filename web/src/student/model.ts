@@ -59,7 +59,6 @@ export class StudentModel {
   #wantsToml = false;
   #pause = 0; // Timer that runs after a request.
 
-  /** `query` is the query string of the page's address. */
   constructor(
     private readonly link: Link,
     query: string,

@@ -1,17 +1,11 @@
 // What follows from the setting: equations with their values and sources, figures, and small plots.
 
 import { type ComponentChild, h } from "preact";
-import type {
-  MathToken,
-  PaperFigure,
-  StudentFigures,
-  StudentOutline,
-  StudentReply,
-} from "../generated/wire";
+import type * as wire from "../generated/wire";
 import { figure, texts } from "../text/text";
 import { Fold } from "../ui/fold";
 
-export function Equations({ equations }: StudentFigures) {
+export function Equations({ equations }: wire.StudentFigures) {
   const { student } = texts();
   return (
     <div class="eqs">
@@ -39,7 +33,7 @@ export function decimalsOf(value: number | null): number {
   return size >= 100 ? 0 : size >= 10 ? 1 : size >= 1 || size === 0 ? 2 : 3;
 }
 
-function mathOf({ kind, text, sub, sup, rows }: MathToken): ComponentChild {
+function mathOf({ kind, text, sub, sup, rows }: wire.MathToken): ComponentChild {
   if (rows) return h(kind, null, ...rows.map((row) => h("mrow", null, ...row.map(mathOf))));
   const base = h(kind, kind === "mi" ? { mathvariant: "normal" } : null, text);
   const [below, above] = [sub && h("mi", null, sub), sup && h("mn", null, sup)];
@@ -49,7 +43,7 @@ function mathOf({ kind, text, sub, sup, rows }: MathToken): ComponentChild {
 }
 
 /** Utilization of the joint limits, and the largest twist in the same direction. */
-export function outcome({ axes, twist, utilization: share }: StudentFigures): string {
+export function outcome({ axes, twist, utilization: share }: wire.StudentFigures): string {
   const { student } = texts();
   if (share === 0) return student.atRest;
   const most = axes.map(({ symbol, unit }, i) => {
@@ -59,7 +53,7 @@ export function outcome({ axes, twist, utilization: share }: StudentFigures): st
   return `${student.share(figure(100 * share), share > 1)} ${student.most(most.join(", "))}`;
 }
 
-export function Capabilities({ figures, outlines, axes }: StudentFigures) {
+export function Capabilities({ figures, outlines, axes }: wire.StudentFigures) {
   const { student } = texts();
   return (
     <Fold title={student.figures}>
@@ -86,7 +80,7 @@ export function Capabilities({ figures, outlines, axes }: StudentFigures) {
   );
 }
 
-export function Papers({ papers }: StudentReply) {
+export function Papers({ papers }: wire.StudentReply) {
   return (
     <Fold title={texts().student.paperFigures}>
       <div class="plots-row">
@@ -102,7 +96,6 @@ const DASHES = ["", "6 3", "2 3", "8 3 2 3"];
 
 interface Plot {
   title: string;
-  /** Names of the axes. */
   x: string;
   y: string;
   curves: readonly {
@@ -114,7 +107,7 @@ interface Plot {
 
 const labelled = (name: string, unit: string) => (unit ? `${name} (${unit})` : name);
 
-function paperPlot({ name, paper, figure: number, curves, ...axes }: PaperFigure): Plot {
+function paperPlot({ name, paper, figure: number, curves, ...axes }: wire.PaperFigure): Plot {
   const { student } = texts();
   const labels = curves.map(({ label }) => label).join(", ");
   return {
@@ -130,7 +123,7 @@ function paperPlot({ name, paper, figure: number, curves, ...axes }: PaperFigure
 }
 
 /** Reachable twists in two components: filled without the third one, a line with any. */
-function reachPlot(outline: StudentOutline, axes: StudentFigures["axes"]): Plot {
+function reachPlot(outline: wire.StudentOutline, axes: wire.StudentFigures["axes"]): Plot {
   const [x, y] = [axes[outline.axes[0]]!, axes[outline.axes[1]]!];
   return {
     title: texts().student.reach(x.symbol, y.symbol),

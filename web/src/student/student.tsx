@@ -52,7 +52,6 @@ export function Student() {
   );
 }
 
-/** Numbers of the description that can be turned. */
 function Knobs({ model }: { model: StudentModel }) {
   const { student } = texts();
   const reply = model.reply.value;

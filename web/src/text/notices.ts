@@ -9,7 +9,6 @@ export interface Told {
   text: string;
   /** Whether it explains the end of a motion, which page, server and robot may all report. */
   again: boolean;
-  /** Whether it is about who has control. */
   control: boolean;
 }
 
@@ -19,7 +18,6 @@ const ABOUT_CONTROL = new Set([
   ...["has_control_now", "other_client", "lease_ended", "control_is_lost", "control_released"],
   ...["control_asked_for", "control_handed_over", "page_silent"],
 ]);
-/** Temporary refusals of the page. */
 const PASSING = new Set(["connecting", "not_connected", "robot_silent"]);
 /** Reasons that the deck shows, or that arrive as an event. */
 const TOLD_ELSEWHERE = new Set([

@@ -16,7 +16,6 @@ const FIRST_SLOT = /^\{(\w+)/;
 /** Names of operators by id, from the status of the robot in view. */
 let names: () => Readonly<Record<string, string>> = () => ({});
 
-/** Take the operators' names from the robot that a link shows. */
 export function nameOperatorsBy(link: Link): void {
   names = () => link.state.value?.status.operators ?? {};
 }
@@ -44,7 +43,6 @@ export function refusalText(refusal: Refusal): string {
   return refusal.by === "page" ? texts().common.refusals[refusal.code] : sentence(refusal.reason);
 }
 
-/** Returns the name of an operator. */
 export type Naming = (operator: string) => string;
 
 interface Filled {

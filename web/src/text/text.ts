@@ -15,12 +15,12 @@ export type Language = (typeof LANGUAGES)[number];
 /** The type check finds keys without a translation. */
 const SOURCES: Record<Language, typeof en> = { en, de };
 
+const preferred = navigator.languages.map((tag) => tag.slice(0, 2)).find(isOneOf(LANGUAGES));
 /** Language of the page: chosen here, else the first of the browser's that there is a table for. */
-export const language = remembered<Language>("tsd-language", preferred(), isOneOf(LANGUAGES));
+export const language = remembered<Language>("tsd-language", preferred ?? "en", isOneOf(LANGUAGES));
 
 const table = computed(() => {
-  const rules = new Intl.PluralRules(language.value);
-  return tableOf(en, SOURCES[language.value], rules) as Table;
+  return tableOf(en, SOURCES[language.value], new Intl.PluralRules(language.value)) as Table;
 });
 
 /** Texts in the language of the page; components that call it follow a change. */
@@ -28,16 +28,10 @@ export function texts(): Table {
   return table.value;
 }
 
-function preferred(): Language {
-  return navigator.languages.map((tag) => tag.slice(0, 2)).find(isOneOf(LANGUAGES)) ?? "en";
-}
-
-const UNKNOWN = "–";
 const formats = new Map<string, Intl.NumberFormat>();
 
-/** Format a number with fixed decimals. */
 export function figure(value: number | null | undefined, decimals = 0): string {
-  if (value === null || value === undefined || !Number.isFinite(value)) return UNKNOWN;
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const key = `${language.value} ${decimals}`;
   const format =
     formats.get(key) ??

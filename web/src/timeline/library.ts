@@ -20,7 +20,6 @@ interface List {
 }
 
 export class Library {
-  /** Whether the list is shown. */
   readonly open = signal(false);
   readonly list = signal<List>({ state: "loading", rows: [], trash: [] });
   /** Words that all recordings in the list contain. */

@@ -46,8 +46,7 @@ export class Playback {
   }
 
   seek(tS: number): void {
-    const durationS = this.timeline.peek()?.duration_s ?? 0;
-    this.#seek(Math.max(0, Math.min(durationS, tS)));
+    this.#seek(Math.max(0, Math.min(this.timeline.peek()?.duration_s ?? 0, tS)));
   }
 
   toggle(): void {

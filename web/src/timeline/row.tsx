@@ -25,18 +25,12 @@ export interface RowProps {
   run: (work: () => Promise<Result | void>, meanwhile?: string) => void;
 }
 
-/** Title of a recording, or when it was made. */
 const titleOf = (row: RecordingRow): string => row.title || day(row.start_ms);
 
-/** Path of the requests about a recording. */
 const pathOf = (row: RecordingRow): string => `recordings/${encodeURIComponent(row.name)}`;
 
-export function Row({
-  open,
-  onSelect,
-  ...props
-}: RowProps & { open: boolean; onSelect: () => void }) {
-  const { row } = props;
+export function Row(props: RowProps & { open: boolean; onSelect: () => void }) {
+  const { row, run, open, onSelect } = props;
   return (
     <li class={open ? "rec on" : "rec"}>
       <button type="button" class="pick" aria-expanded={open} onClick={onSelect}>
@@ -55,7 +49,7 @@ export function Row({
           ))}
         </span>
       </button>
-      {open && <Actions {...props} />}
+      {open && <Actions row={row} run={run} />}
     </li>
   );
 }

@@ -48,7 +48,6 @@ export interface NextStepProps {
   refused?: string | null;
   /** Whether it acts only after it was held for a second. */
   hold?: boolean;
-  /** Whether its request is pending. */
   busy?: boolean;
   onPress: () => void;
 }
@@ -58,13 +57,11 @@ export interface NextStepProps {
  * on one step must not end on the next.
  */
 export function NextStep(props: NextStepProps) {
-  const { children, refused = null, hold = false, busy = false } = props;
-  const latest = useRef(props); // Permission may change during a hold.
-  latest.current = props;
+  const { children, refused = null, hold = false, busy = false, onPress } = props;
   const [holding, setHolding] = useState(false);
-  const act = () => {
-    const { refused: refusal = null, busy: pending, onPress } = latest.current;
-    if (refusal === null && !pending) onPress();
+  const act = useRef(() => {}); // Permission may change during a hold.
+  act.current = () => {
+    if (refused === null && !busy) onPress();
   };
   const begin = () => setHolding(hold);
   const end = () => setHolding(false);
@@ -72,7 +69,7 @@ export function NextStep(props: NextStepProps) {
     if (!holding) return undefined;
     const timer = setTimeout(() => {
       end();
-      act();
+      act.current();
     }, HOLD_MS);
     return () => clearTimeout(timer);
   }, [holding]);
@@ -83,7 +80,7 @@ export function NextStep(props: NextStepProps) {
     else if (!event.repeat) begin();
   };
   // Assistive technology cannot hold: its click counts, with neither key nor pointer before it.
-  const click = (event: MouseEvent) => (!hold || event.detail === 0) && act();
+  const click = (event: MouseEvent) => (!hold || event.detail === 0) && act.current();
   return (
     <button
       type="button"

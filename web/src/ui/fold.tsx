@@ -6,13 +6,12 @@ import { Icon } from "./icon";
 interface FoldProps {
   title: string;
   summary?: ComponentChildren;
-  open?: boolean;
   children: ComponentChildren;
 }
 
-export function Fold({ title, summary, open, children }: FoldProps) {
+export function Fold({ title, summary, children }: FoldProps) {
   return (
-    <details class="foldable" open={open}>
+    <details class="foldable">
       <summary class="fold">
         <Icon name="right" />
         {title}

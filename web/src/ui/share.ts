@@ -18,7 +18,6 @@ export async function copyText(text: string): Promise<boolean> {
   }
 }
 
-/** Let the browser save a file. */
 export function save(href: string, download: string): void {
   Object.assign(document.createElement("a"), { href, download }).click();
 }

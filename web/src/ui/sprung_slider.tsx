@@ -8,18 +8,15 @@ import { sliderValue } from "./slider";
 
 interface SprungSliderProps {
   label: string;
-  /** Control behind it; `useSprungSlider` makes one. */
   control: SprungControl;
   /** Value asked by all controls, allowed value or null, and the value at the ends. */
   asked: number;
   allowed: number | null;
   most: number;
-  /** Value in words for a screen reader. */
   spoken: string;
   /** Whether the positive end is on the left, as for turning left. */
   mirrored?: boolean;
   ends?: readonly [string, string];
-  off?: boolean;
   /** Why it does not act now, or null. */
   refused?: string | null;
   looksOnly?: boolean;
@@ -48,20 +45,20 @@ export function useSprungSlider(drive: Holder, axis: keyof Deflection, mirrored 
 }
 
 export function SprungSlider(props: SprungSliderProps) {
-  const { label, control, asked, allowed, most, spoken, mirrored, off, refused } = props;
+  const { label, control, asked, allowed, most, spoken, mirrored, refused } = props;
   const way = mirrored ? -1 : 1;
   /** Place on the track, from -0.5 to 0.5. */
   const at = (value: number) => (most > 0 ? 0.5 * clamped((way * value) / most) : 0);
   const [left, right] = props.ends ?? [figure(-way * most, 1), figure(way * most, 1)];
   const differs = allowed !== null && Math.abs(allowed - asked) > 0.02 * most;
   const rests = asked === 0 && !control.held;
-  const classes = ["js", rests && "rest", off && "off", props.looksOnly && "looks"];
+  const classes = ["js", rests && "rest", refused && "off", props.looksOnly && "looks"];
   return (
     <div
       ref={control.attach}
       class={classes.filter(Boolean).join(" ")}
       aria-label={label}
-      aria-disabled={off || undefined}
+      aria-disabled={refused ? true : undefined}
       title={refused ?? undefined}
       {...sliderValue(-most, most, asked, spoken)}
       style={{ "--at": `${at(asked)}`, "--allowed": `${at(allowed ?? 0)}` }}

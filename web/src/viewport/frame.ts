@@ -13,7 +13,6 @@ const COMPLETE_MS = 200; // and so may all that a graphics card draws within thi
 interface ViewportOptions {
   /** Page id, 16 hex digits, the same as in the page's socket. */
   page: string;
-  /** File name of a recording to show, or null. */
   recording: string | null;
   dark: boolean;
   /** Accessible name of the frame. */
@@ -71,7 +70,6 @@ export class Viewport {
     this.#resized.observe(host);
   }
 
-  /** Stop drawing, or resume. */
   pause(on: boolean): void {
     this.#paused = on;
     const message: ToFrame = { tsd: 1, t: "pause", on };

@@ -14,7 +14,6 @@ export interface FrameKey {
 export type FromFrame =
   /** The frame's script runs, so its port can be reached; `software` draws without graphics card. */
   | { tsd: 1; t: "loaded"; software: boolean }
-  /** A frame has been drawn. */
   | { tsd: 1; t: "drawn" }
   /** How long the frame's thread was blocked; for measurements. */
   | { tsd: 1; t: "stalled"; ms: number }

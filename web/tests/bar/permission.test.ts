@@ -7,10 +7,10 @@ import { language } from "../../src/text/text";
 import { type FakePage, ME, openPage } from "../support/fake_page";
 
 const HELD = {
-  arm: permission.whyNotArm,
-  disarm: permission.whyNotDisarm,
-  reset: permission.whyNotReset,
-  speed: permission.whyNotWheelSpeed,
+  arm: (link: Link) => permission.whyNot(link, "arm"),
+  disarm: (link: Link) => permission.whyNot(link, "disarm"),
+  reset: (link: Link) => permission.whyNot(link, "reset"),
+  speed: (link: Link) => permission.whyNot(link, "speed"),
   drive: permission.whyNotDrive,
 };
 const LOOSE = { code: "hardware", params: { text: "the wheels are loose" } };
