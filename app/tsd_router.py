@@ -53,7 +53,7 @@ def serve(args: argparse.Namespace) -> None:
                 continue
             bus.close()
             bus = Bus(config)
-            say_reopened(bus)
+            print(f"new configuration: reopened on {' '.join(bus.endpoints())}", flush=True)
     finally:
         bus.close()
 
@@ -62,11 +62,6 @@ def contents(config: Config) -> dict[Path, bytes | None]:
     """Return the contents of a configuration and the files that it names, None if missing."""
     files = [Path(config.where), *config.files.values()]
     return {file: file.read_bytes() if file.is_file() else None for file in files}
-
-
-def say_reopened(bus: Bus) -> None:
-    """Report that clients were disconnected, and why."""
-    print(f"new configuration: reopened on {' '.join(bus.endpoints())}", flush=True)
 
 
 def main() -> None:

@@ -63,23 +63,19 @@ class KindTable(Generic[ValueT]):
         `part` selects the implementation of a kind from another package. If it returns None,
         `default` is used.
         """
-        self._shipped = dict(shipped)
+        self.shipped: Mapping[type[Any], ValueT] = dict(shipped)
+        """Implementations of the shipped kinds."""
         self._part = part
         self._default = default
 
     def of(self, description: object) -> ValueT:
         """Return the implementation for the class of a robot `description`."""
         cls = type(description)
-        if cls in self._shipped:
-            return self._shipped[cls]
+        if cls in self.shipped:
+            return self.shipped[cls]
         kind = _LOADED.get(cls)
         found = None if kind is None else self._part(kind)
         return self._default if found is None else found
-
-    @property
-    def shipped(self) -> Mapping[type[Any], ValueT]:
-        """Implementations of the shipped kinds."""
-        return self._shipped
 
 
 @cache

@@ -16,7 +16,8 @@ from tests.support.programs import Program
 from tests.support.withheld import PATIENCE_S
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.camera.setup_file import read_setup
-from tsd_twin.messages.pictures import CameraName, decode_camera_info, decode_clock, decode_picture
+from tsd_twin.messages.pictures import INFO_TYPE, CameraName, decode_clock, decode_picture
+from tsd_twin.messages.ros_types import decode_cdr
 from tsd_twin.messages.status import decode_status
 from tsd_twin.messages.topics import STATUS, Sample
 
@@ -46,7 +47,7 @@ def test_a_simulated_camera_tells_a_robot_where_it_is_and_shows_it(start: Start)
             shown.set()
 
     def describe(sample: Sample) -> None:
-        assert decode_camera_info(sample.payload).width == 1280
+        assert decode_cdr(sample.payload, INFO_TYPE).width == 1280
         described.set()
 
     with Bus(client_config([endpoint])) as bus:

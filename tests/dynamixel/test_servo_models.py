@@ -8,7 +8,6 @@ from firmware.simulator.mx64 import REGISTERS, Mx64
 from tsd_twin.hardware.dynamixel.servo_models import (
     LONGEST_READ,
     MODELS,
-    NOT_COMPARED,
     ServoModel,
     ServoSetting,
     span,
@@ -23,6 +22,33 @@ READ_ONLY = {
 """Address and size of model, version and telemetry."""
 WIDE = {1: {30: 2}, 2: {24: 4, 40: 4, 102: 2, 104: 4, 116: 4}}
 """Sizes of exempt settings with more than a byte."""
+NOT_COMPARED: dict[int, dict[int, str]] = {
+    1: {
+        3: "id: the calibration names it",
+        4: "baud rate: a servo with another does not answer",
+        17: "alarm LED: a light",
+        24: "torque: switched and watched while the robot works",
+        25: "LED: a light",
+        30: "goal position: written in each cycle",
+        47: "lock: protects the settings",
+    },
+    2: {
+        7: "id: the calibration names it",
+        8: "baud rate: a servo with another does not answer",
+        24: "moving threshold: of a flag that nobody reads",
+        40: "acceleration limit of an XM: of the profile, which must be off; not all have it",
+        56: "external port: of an XM540, moves nothing",
+        57: "external port: of an XM540, moves nothing",
+        58: "external port: of an XM540, moves nothing",
+        60: "startup configuration: what it restores is compared; not every firmware has it",
+        64: "torque: switched and watched while the robot works",
+        65: "LED: a light",
+        102: "goal current: of other operating modes",
+        104: "goal velocity: of other operating modes",
+        116: "goal position: written in each cycle",
+    },
+}
+"""Writable registers that are not compared, by protocol and address, with the reason."""
 ALL = pytest.mark.parametrize("model", MODELS.values(), ids=lambda model: model.name)
 
 

@@ -96,9 +96,10 @@ class Bench:
         for module in (arduino_mega, dynamixel_wheels, u2d2):
             patch.setattr(module, "DeviceThread", Turns)
         patch.setattr(can_wheels, "open_bus", lambda *_, **__: self.motors)
-        for made in (can_wheels.CanWheels, wheel_bus.WheelBus):  # Their default is the real clock.
+        # Their default is the real clock.
+        for made in (can_wheels.CanWheelsIO, wheel_bus.WheelBus):
             patch.setattr(made.__init__, "__defaults__", (lambda: self.clock.now_s,))
-        patch.setattr(can_wheels.CanWheels, "cycle", can_wheels.CanWheels.step)
+        patch.setattr(can_wheels.CanWheelsIO, "cycle", can_wheels.CanWheelsIO.step)
         turn = partial(_CanTurn, self.idle)
         patch.setattr(can_wheels, "threading", SimpleNamespace(Event=threading.Event, Thread=turn))
 

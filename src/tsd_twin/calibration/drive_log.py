@@ -263,7 +263,7 @@ class RobotRecorder:
             return None
         if not self._joints:
             return None  # The clock offset is not known yet.
-        seen_s = stamp_ns * 1e-9 - self._clock_offset_s()
+        seen_s = stamp_ns * 1e-9 - float(np.median(self._clock_offsets_s[-_CLOCK_SAMPLES:]))
         off_s = seen_s - self._joints[-1][0]
         if not -_MAX_POSE_AGE_S <= off_s <= _MAX_POSE_LEAD_S:
             self.refused = f"its stamp is {off_s:.1f} s off the clock of the robot"
@@ -300,10 +300,6 @@ class RobotRecorder:
         seen_s, seen = _times_and_rows(poses)
         seen[:, 2] = np.unwrap(seen[:, 2])
         return Recording(t_s - t_s[0], angles, share * commanded[last], spin, seen_s - t_s[0], seen)
-
-    def _clock_offset_s(self) -> float:
-        """Return the offset between wall and monotonic clock, from the latest joints."""
-        return float(np.median(self._clock_offsets_s[-_CLOCK_SAMPLES:]))
 
     def _row(self, sample: Sample) -> tuple[float, int, Array] | None:
         """Return the robot's time, its wall clock, and angles and speeds (n,) of all joints."""

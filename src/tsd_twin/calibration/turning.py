@@ -66,11 +66,6 @@ class SpinResult:
         return math.hypot(scatter, self.sensor_sigma)
 
 
-def turn_duration_s(robot: SingularityDescription) -> float:
-    """Return the duration of a turn, including its rest."""
-    return 0.5 * math.pi * _TURN_RAD / _peak_rate(robot) + _SETTLE_S
-
-
 def _peak_rate(robot: SingularityDescription) -> float:
     return min(_RATE_SHARE * robot.limits.turn_rate_rad_per_s, _MAX_RATE_RAD_PER_S)
 
@@ -191,7 +186,7 @@ def _write(
 
 
 def _warning(args: argparse.Namespace, robot: SingularityDescription, robot_id: str) -> str:
-    seconds = args.turns * turn_duration_s(robot)
+    seconds = args.turns * (0.5 * math.pi * _TURN_RAD / _peak_rate(robot) + _SETTLE_S)
     return (
         f"{robot_id} will turn on the spot, {args.turns} times by "
         f"{math.degrees(_TURN_RAD):.0f} deg, for {seconds:.0f} s.\n"

@@ -289,7 +289,8 @@ class _FloorProblem:
 
     def view(self, x: Array) -> View:
         """Return the view of the unknowns."""
-        return View(self._lens.lens, CameraPlace.looking_down(1.0)).with_parameters(x[:PARAMETERS])
+        lens = replace(self._lens.lens, parameters=x[:LENS_PARAMETERS])
+        return View(lens, CameraPlace(*np.split(x[LENS_PARAMETERS:PARAMETERS], 2)))
 
     def placed_tags(self, x: Array) -> tuple[Tag, ...]:
         """Return the tags at their places on the floor."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -79,10 +79,10 @@ class CameraPlace:
     """(3,): the camera in the floor frame."""
 
     @staticmethod
-    def looking_down(height_m: float, x_m: float = 0.0, y_m: float = 0.0) -> CameraPlace:
-        """Return a camera above (x, y) that looks straight down, with floor X to the right."""
+    def looking_down(height_m: float) -> CameraPlace:
+        """Return a camera above the origin that looks straight down, with floor X to the right."""
         down = np.diag([1.0, -1.0, -1.0])
-        return CameraPlace(rotation_vector(down), np.array([x_m, y_m, height_m]))
+        return CameraPlace(rotation_vector(down), np.array([0.0, 0.0, height_m]))
 
     @staticmethod
     def looking_at(position_m: Array, target_m: Array) -> CameraPlace:
@@ -117,12 +117,6 @@ class View:
     def parameters(self) -> Array:
         """(14,): parameters of the lens, rotation vector, position."""
         return np.concatenate([self.lens.parameters, self.place.rotation, self.place.position_m])
-
-    def with_parameters(self, parameters: Array) -> View:
-        """Return the view with other parameters (14,)."""
-        lens = replace(self.lens, parameters=parameters[:LENS_PARAMETERS])
-        rotation, position = np.split(parameters[LENS_PARAMETERS:], 2)
-        return View(lens, CameraPlace(rotation, position))
 
     def project(self, points_m: Array) -> Array:
         """Return the pixels (n, 2) of points (n, 3) of the floor frame."""

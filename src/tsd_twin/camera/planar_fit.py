@@ -57,8 +57,6 @@ class PlanarPose:
     """Differs from picture to picture."""
     mounting: Array
     """From errors of lens, place, height and mounting: constant while the robot is at rest."""
-    residual_px: float
-    """Root mean square of the corners' errors, per degree of freedom."""
     side_px: float
 
     @property
@@ -117,12 +115,12 @@ def measure(
         return Refusal.SLANTED
     pose, residuals, gain = fitted
     residual_px = math.sqrt(float(residuals @ residuals) / _FREEDOM)
-    if residual_px > largest_residual_px(side):
+    if residual_px > _RESIDUAL_PX + _RESIDUAL_SHARE * side:
         return _named(view, tag, sighting.corners)
     mounting = _mounting(view, view_covariance, tag, pose, gain, errors)
     # A corner that was found in a wrong place, by the detector or its refinement, shows in the fit.
     noise = max(sigma_px, residual_px) ** 2 * (gain @ gain.T)
-    return PlanarPose(pose, noise, mounting, residual_px, side)
+    return PlanarPose(pose, noise, mounting, side)
 
 
 LEAST_BELIEVED_PX = 24.0
@@ -131,11 +129,6 @@ _RESIDUAL_PX, _RESIDUAL_SHARE = 0.9, 0.006
 """Largest residual, and its growth with the side of the tag: lens, height, 3 degrees of tilt."""
 _SLANTED_RAD = math.radians(12.0)
 _SIZE_RATIO = 0.04
-
-
-def largest_residual_px(side: float) -> float:
-    """Return the largest residual of a level tag with a side of so many pixels."""
-    return _RESIDUAL_PX + _RESIDUAL_SHARE * side
 
 
 def upright_tilt_rad(view: View, tag: Tag, corners: Array) -> float:

@@ -54,7 +54,9 @@ class Output:
             with self._file(f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
                 writer = csv.writer(file)
                 writer.writerow(columns)
-                writer.writerows([_format_value(value) for value in row] for row in rows)
+                writer.writerows(
+                    [f"{it:.6g}" if isinstance(it, float) else it for it in row] for row in rows
+                )
         except OSError as error:
             raise _cannot_write(self.folder, error) from error
 
@@ -108,10 +110,6 @@ class Output:
 
 def _cannot_write(folder: Path, error: OSError) -> TwinError:
     return TwinError(f"{folder} cannot be written to: {error.strerror}")
-
-
-def _format_value(value: object) -> object:
-    return f"{value:.6g}" if isinstance(value, float) else value
 
 
 PERCENT_STEPS = 100

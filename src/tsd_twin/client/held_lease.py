@@ -101,13 +101,9 @@ class HeldLease:
             lost = self.lost_reason or "take it first"
             raise ControlLost(f"no control of {self.robot_id}: {lost}", "no_control", self.lost_why)
 
-    def renewal_is_due(self, now_s: float) -> bool:
-        """Return whether a held lease is due for renewal."""
-        return bool(self._lease) and now_s - self._renewed_s >= RENEW_PERIOD_S
-
     def renewal(self, now_s: float) -> bytes | None:
         """Return the renewal request if one is due."""
-        if not self.renewal_is_due(now_s):
+        if not self._lease or now_s - self._renewed_s < RENEW_PERIOD_S:
             return None
         self._renewed_s = now_s
         lease = self._lease.hex()

@@ -68,10 +68,10 @@ def open_bus(address: str, *, fd: bool) -> can.BusABC:
         raise HardwareError(f"the CAN bus {address} cannot be opened: {error}") from error
 
 
-class CanWheels:
-    """Wheels on a CAN bus, exchanged by an I/O thread.
+class CanWheelsIO:
+    """`RobotIO` for omni robots with motor controllers on CAN; the wheels of other robots.
 
-    Other threads write `command`. Motors are off unless an armed command is fresh and nothing is
+    An I/O thread exchanges data. Motors are off unless an armed command is fresh and nothing is
     wrong; a VESC whose time-out does not latch therefore gets no speed until the next arming.
     """
 
@@ -98,7 +98,8 @@ class CanWheels:
             )
         top_rad_per_s = _top_speed(robot)
         _check_least_speed(robot, controllers)
-        self.command = JointCommand(np.zeros(len(joints)), Heartbeat(False, 0), 0.0)
+        self._heartbeat = Heartbeat(False, 0)
+        self.command = JointCommand(np.zeros(len(joints)), self._heartbeat, 0.0)
         self.trouble: Reason | None = because(Code.WHEELS_SILENT, wheels=", ".join(self.names))
         self.motors = motors_of(controllers)
         self._spins = isinstance(robot, SingularityDescription)
@@ -107,9 +108,11 @@ class CanWheels:
         self._following = WheelFollowing(self.names, top_rad_per_s)
         self._battery = BatteryWatch(robot.battery.arm_v, robot.battery.stop_v)
         self._clock, self._cycled_s = clock, -math.inf
+        self._read_s = 0.0
         self._lost_bus = ""
-        self._fd = controllers.kind == "moteus"
-        self._bus = open_bus(address, fd=self._fd)
+        self._kind = controllers.kind
+        self._warn_v = robot.battery.warn_v
+        self._bus = open_bus(address, fd=self._kind == "moteus")
         self._stopping, self._requested = threading.Event(), threading.Event()
         try:
             self._connect()
@@ -128,6 +131,28 @@ class CanWheels:
     def lost(self) -> Reason | None:
         """Reason why wheels do not turn although the robot is armed, or None."""
         return self._latch.lost
+
+    def read(self, now_s: float) -> Array | None:
+        """Return newly measured wheel speeds (n,), NaN where unmeasured; None without any."""
+        newest_s = max(it.heard_s for it in self.states)
+        if newest_s <= self._read_s or now_s - newest_s > SILENT_S:
+            return None
+        self._read_s = newest_s
+        return self.speeds(now_s)
+
+    def write(self, setpoint: Array, now_s: float) -> None:
+        """Pass the latest setpoint (n,) to the I/O thread.
+
+        Raises:
+            ValueError: If the setpoint has the wrong shape or a value is not finite.
+        """
+        count = len(self.command.setpoint)
+        self.command = JointCommand.checked(setpoint, count, self._heartbeat, now_s)
+        self.cycle()
+
+    def set_heartbeat(self, heartbeat: Heartbeat) -> None:
+        """Set the heartbeat to send with the next setpoint."""
+        self._heartbeat = heartbeat
 
     def cycle(self) -> None:
         """Request a cycle now, without waiting for it."""
@@ -149,8 +174,20 @@ class CanWheels:
             return because(Code.DEVICE_SILENT, device="can_bus", ms=1000.0 * SILENT_S)
         return self.trouble or self._latch.lost
 
-    def status(self, now_s: float) -> dict[str, Any]:
-        """Return the section of the status, JSON-serializable."""
+    def hardware(self) -> dict[str, Any]:
+        """Return the hardware section of the status, JSON-serializable."""
+        now_s = time.monotonic()
+        volts = self.battery_v(now_s)
+        low = volts is not None and volts < self._warn_v
+        return {
+            "kind": self._kind,
+            "connected": not self.fault(now_s),
+            "battery_v": volts,
+            "wheels": self._status(now_s),
+            "warnings": [sentence(because(Code.BATTERY_LOW, volts=self._warn_v))] if low else [],
+        }
+
+    def _status(self, now_s: float) -> dict[str, Any]:
 
         def shown(values: Sequence[float]) -> list[float | None]:
             return [None if math.isnan(value) else round(value, 2) for value in values]
@@ -165,12 +202,12 @@ class CanWheels:
             "timeout_ms": shown([1000.0 * it.timeout_s for it in states]),
         }
 
-    def volts(self) -> float | None:
-        """Return the highest measured voltage, or None."""
+    def battery_v(self, now_s: float) -> float | None:  # noqa: ARG002  Part of the interface.
+        """Return the highest voltage that a controller measures, or None if unknown."""
         return _most(it.voltage_v for it in self.states)
 
-    def hottest_c(self) -> float | None:
-        """Return the highest measured temperature, or None."""
+    def servo_c(self, now_s: float) -> float | None:  # noqa: ARG002  Part of the interface.
+        """Return the temperature of the hottest controller, or None if unknown."""
         return _most(it.temperature_c for it in self.states)
 
     def close(self) -> None:
@@ -283,7 +320,7 @@ class CanWheels:
         if timed_out:
             return because(Code.WHEEL_TIMED_OUT, wheels=", ".join(timed_out))
         armed = command.heartbeat.armed
-        volts = self.volts()
+        volts = self.battery_v(now_s)
         if volts is not None and (low := self._battery.step(volts, now_s, armed=armed)):
             return low
         if not armed or self._spins or self._latch.lost is not None:
@@ -325,75 +362,3 @@ def _check_least_speed(robot: RobotDescription, controllers: MotorControllers) -
             f"with {controllers.pole_pairs} pole pairs go below {least_rpm:.0f} rpm: raise "
             "motor.start_speed_rpm in the description"
         )
-
-
-class CanWheelsIO:
-    """`RobotIO` for omni robots with motor controllers on CAN; the wheels of other robots."""
-
-    def __init__(
-        self, robot: RobotDescription, address: str, controllers: MotorControllers
-    ) -> None:
-        """Connect.
-
-        Raises:
-            HardwareError: If the bus or a controller cannot be used.
-        """
-        self._wheels = CanWheels(robot, address, controllers)
-        self._kind = controllers.kind
-        self._count = len(robot.kinematics().joints)
-        self._warn_v = robot.battery.warn_v
-        self._heartbeat = Heartbeat(False, 0)
-        self._read_s = 0.0
-
-    def read(self, now_s: float) -> Array | None:
-        """Return newly measured wheel speeds (n,), NaN where unmeasured; None without any."""
-        newest_s = max(it.heard_s for it in self._wheels.states)
-        if newest_s <= self._read_s or now_s - newest_s > SILENT_S:
-            return None
-        self._read_s = newest_s
-        return self._wheels.speeds(now_s)
-
-    def write(self, setpoint: Array, now_s: float) -> None:
-        """Pass the latest setpoint (n,) to the I/O thread.
-
-        Raises:
-            ValueError: If the setpoint has the wrong shape or a value is not finite.
-        """
-        self._wheels.command = JointCommand.checked(setpoint, self._count, self._heartbeat, now_s)
-        self._wheels.cycle()
-
-    def set_heartbeat(self, heartbeat: Heartbeat) -> None:
-        """Set the heartbeat to send with the next setpoint."""
-        self._heartbeat = heartbeat
-
-    def fault(self, now_s: float) -> Reason | None:
-        """Return the fault of the bus or a controller, or None."""
-        return self._wheels.fault(now_s)
-
-    def speeds(self, now_s: float) -> Array:
-        """Return the wheel speeds (k,), rad/s, NaN where unmeasured."""
-        return self._wheels.speeds(now_s)
-
-    def battery_v(self, now_s: float) -> float | None:  # noqa: ARG002  Part of the interface.
-        """Return the highest voltage that a controller measures, or None if unknown."""
-        return self._wheels.volts()
-
-    def servo_c(self, now_s: float) -> float | None:  # noqa: ARG002  Part of the interface.
-        """Return the temperature of the hottest controller, or None if unknown."""
-        return self._wheels.hottest_c()
-
-    def hardware(self) -> dict[str, Any]:
-        """Return the hardware section of the status, JSON-serializable."""
-        volts = self._wheels.volts()
-        low = volts is not None and volts < self._warn_v
-        return {
-            "kind": self._kind,
-            "connected": not self._wheels.fault(time.monotonic()),
-            "battery_v": volts,
-            "wheels": self._wheels.status(time.monotonic()),
-            "warnings": [sentence(because(Code.BATTERY_LOW, volts=self._warn_v))] if low else [],
-        }
-
-    def close(self) -> None:
-        """Stop the motors and close the bus."""
-        self._wheels.close()

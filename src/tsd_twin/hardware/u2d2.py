@@ -27,6 +27,7 @@ from tsd_twin.hardware.joints import (
     hot_servos,
 )
 from tsd_twin.hardware.link_health import SILENT_S
+from tsd_twin.hardware.robot_io import HasBattery, HasWatchdog, RobotIO
 from tsd_twin.hardware.serial_transport import DeviceThread, SerialTransport
 from tsd_twin.hardware.servo_line import (
     ANSWER_S,
@@ -160,7 +161,7 @@ class ServoBus(ServoExchange):
         limp = self.report.limp if self.report else 0
         for answer in transport.request(request, len(answered), ANSWER_S):
             if answer.id in answered and len(answer.data) == 1:
-                bit = self._bit(answer.id)
+                bit = self._line.bit(answer.id)
                 limp = limp & ~bit if answer.data[0] else limp | bit
         if self.report is not None:
             lost = limp & ~self.report.limp & self.report.alive(time.monotonic())
@@ -168,7 +169,7 @@ class ServoBus(ServoExchange):
             self.report = replace(self.report, limp=limp)
         held = limp & ~self.far
         if held and not self._armed:
-            on = {device: b"\x01" for device in self._ids if held & self._bit(device)}
+            on = {device: b"\x01" for device in self._ids if held & self._line.bit(device)}
             transport.request(protocol2.sync_write(TORQUE_ENABLE, on), 0, 0.0)
 
     def _goals(self, setpoint: np.ndarray, now_s: float, *, armed: bool) -> bytes:
@@ -183,9 +184,6 @@ class ServoBus(ServoExchange):
     def _steps(self, i: int, position: int) -> int:
         """Return steps from neutral, with the sign of the joint."""
         return self._signs[i] * (position - self._neutral[i])
-
-    def _bit(self, device: int) -> int:
-        return self._line.bit(device)
 
     def _set_up(self, transport: SerialTransport, device: int) -> None:
         if (delay := self._line.read(transport, device, RETURN_DELAY, 1)[0]) != 0:
@@ -211,16 +209,8 @@ class ServoBus(ServoExchange):
         self._line.write(transport, device, TORQUE_ENABLE, 1)
 
 
-class WheelsIO(Protocol):
+class WheelsIO(RobotIO, HasWatchdog, HasBattery, Protocol):
     """Wheels of a robot: a controller board without servos, or motor controllers on CAN."""
-
-    def write(self, setpoint: Array, now_s: float) -> None:
-        """Pass on the latest setpoint (n,) of all joints."""
-        ...
-
-    def set_heartbeat(self, heartbeat: Heartbeat) -> None:
-        """Set the heartbeat to send with the next setpoint."""
-        ...
 
     def fault(self, now_s: float) -> Reason | None:
         """Return the fault of the wheels, or None."""
@@ -230,16 +220,8 @@ class WheelsIO(Protocol):
         """Return the measured wheel speeds (k,), rad/s, NaN where unmeasured; None without any."""
         ...
 
-    def battery_v(self, now_s: float) -> float | None:
-        """Return the latest battery voltage, or None if unknown."""
-        ...
-
     def hardware(self) -> dict[str, Any]:
         """Return the hardware section of the status."""
-        ...
-
-    def close(self) -> None:
-        """Stop the wheels and close the connection."""
         ...
 
 

@@ -103,7 +103,8 @@ def bound(endpoint: Endpoint) -> socket.socket:
         made.bind(address)
     except OSError as error:
         made.close()
-        raise LinkError(f"cannot listen at {endpoint}: {_reason(error)}") from error
+        why = (error.strerror or str(error)).lower()
+        raise LinkError(f"cannot listen at {endpoint}: {why}") from error
     return made
 
 
@@ -132,7 +133,3 @@ def datagrams(receiver: socket.socket) -> Iterator[tuple[bytes, Address]]:
         except ConnectionError:  # An earlier datagram found no receiver; more may follow.
             continue
         yield received
-
-
-def _reason(error: OSError) -> str:
-    return (error.strerror or str(error)).lower()

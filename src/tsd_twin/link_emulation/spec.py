@@ -104,6 +104,13 @@ SHORTEST_S = 0.001
 """Minimum length of a stall, and of the time between two; real time is not finer."""
 
 
+def _parse_periodic(text: str, example: str) -> tuple[float, float]:
+    value, at, period = text.partition("@")
+    if not at:
+        raise LinkError(f"'{text}' does not say how often: write it as {example}")
+    return TIME.parse(value), TIME.parse(period)
+
+
 @dataclass(frozen=True, slots=True)
 class Stall:
     """Periodic pause of a link, which delays packets without losing them."""
@@ -126,10 +133,7 @@ class Stall:
     @classmethod
     def parse(cls, text: str) -> Self:
         """Parse a stall such as `2s@10s`."""
-        length, at, period = text.partition("@")
-        if not at:
-            raise LinkError(f"'{text}' does not say how often: write it as 2s@10s")
-        return cls(TIME.parse(length), TIME.parse(period))
+        return cls(*_parse_periodic(text, "2s@10s"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,10 +157,7 @@ class Wander:
     @classmethod
     def parse(cls, text: str) -> Self:
         """Parse a wander such as `10ms@15s`."""
-        most, at, period = text.partition("@")
-        if not at:
-            raise LinkError(f"'{text}' does not say how often: write it as 10ms@15s")
-        return cls(TIME.parse(most), TIME.parse(period))
+        return cls(*_parse_periodic(text, "10ms@15s"))
 
 
 @dataclass(frozen=True, slots=True)

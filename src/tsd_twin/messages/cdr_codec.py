@@ -132,10 +132,6 @@ class CdrReader:
         """Read `count` uint32 fields."""
         return struct.unpack(f"{self._order}{count}I", self._take(4 * count, 4))
 
-    def boolean(self) -> bool:
-        """Read a boolean."""
-        return self._take(1, 1) != b"\0"
-
     def raw(self) -> bytes:
         """Read a sequence of bytes."""
         return self._take(self._count(), 1)

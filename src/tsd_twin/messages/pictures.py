@@ -27,8 +27,6 @@ LARGEST_PICTURE = 60_000
 """Most bytes of a JPEG: a robot with access rules reassembles messages up to 65,536."""
 _ENVELOPE = 512
 """Room for header and format in addition to the JPEG."""
-_COEFFICIENTS = 14
-"""Most distortion coefficients of any model of ROS 2 and OpenCV."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,28 +90,6 @@ def encode_camera_info(message: CameraInfo) -> bytes:
     cdr.unsigned(0, 0, 0, 0, 0, 0)  # Binning and region of interest: the whole picture.
     cdr.boolean(False)
     return cdr.payload()
-
-
-def decode_camera_info(payload: bytes) -> CameraInfo:
-    """Decode a camera info from CDR.
-
-    Raises:
-        MessageError: If it is not a `sensor_msgs/msg/CameraInfo` (`shape`).
-    """
-    cdr = CdrReader(payload, INFO_TYPE)
-    stamp_ns, frame = cdr.header()
-    height, width = cdr.unsigned(2)
-    cdr.text()
-    distortion, matrix = cdr.double_sequence(), cdr.doubles(9).reshape(3, 3)
-    cdr.doubles(21)
-    cdr.unsigned(6)
-    cdr.boolean()
-    cdr.end()
-    if len(distortion) > _COEFFICIENTS or not (
-        np.isfinite(matrix).all() and np.isfinite(distortion).all()
-    ):
-        raise MessageError("shape", "a camera matrix and its distortion must be finite numbers")
-    return CameraInfo(frame, width, height, matrix, distortion, stamp_ns)
 
 
 def encode_clock(time_ns: int) -> bytes:

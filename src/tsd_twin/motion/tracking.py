@@ -190,7 +190,6 @@ class ExecutionStep:
     """Arc length of the reference."""
     cross_track_m: float
     """Distance between the robot and the reference."""
-    heading_error_rad: float
     reference_s: float
     """Time of the reference on the trajectory."""
     why: Reason | None = None
@@ -246,7 +245,7 @@ class TrajectoryExecutor:
         if not np.isfinite(pose.xy_heading).all():
             reason = because(Code.POSE_NOT_FINITE)
             lost = ExecutionPhase.LOST
-            return ExecutionStep(lost, np.zeros(3), 0.0, math.inf, math.inf, self._t_s, reason)
+            return ExecutionStep(lost, np.zeros(3), 0.0, math.inf, self._t_s, reason)
         dt_s = 0.0 if self._last_s is None else min(max(now_s - self._last_s, 0.0), _GAP_S)
         self._last_s = now_s
         if delay_s is not None:
@@ -269,7 +268,7 @@ class TrajectoryExecutor:
             twist = self._cap(self._tracker.advance(seen_s, pose, dt_s, ahead_s, gain))
             self._t_s += pace * dt_s
         done_m = float(reference.s_m)
-        return ExecutionStep(phase, twist, done_m, cross_track_m, heading_error_rad, seen_s, why)
+        return ExecutionStep(phase, twist, done_m, cross_track_m, seen_s, why)
 
     def _phase(
         self, over_s: float, cross_track_m: float, heading_error_rad: float

@@ -107,7 +107,9 @@ class ViewportPage:
 
     async def _serve(self, request: web.Request) -> web.StreamResponse:
         if BLOCKED_PARAMETERS & request.query.keys():
-            return _without_blocked_parameters(request)
+            kept = [(k, v) for k, v in request.query.items() if k not in BLOCKED_PARAMETERS]
+            address = "?" + request.url.with_query(kept).raw_query_string
+            return web.Response(status=302, headers={"Location": address})
         parent = request.query.get("parent", "")
         host, secure = request.headers["Host"], request[CLIENT_ADDRESS].secure
         accepted = (
@@ -129,13 +131,6 @@ def _with_script(html: str, script: str) -> str:
     """
     start = html.index("<head>") + len("<head>")
     return f'{html[:start]}<script src="{script}"></script>{html[start:]}'
-
-
-def _without_blocked_parameters(request: web.Request) -> web.Response:
-    """Return a redirect to the same page without the blocked parameters."""
-    kept = [(key, value) for key, value in request.query.items() if key not in BLOCKED_PARAMETERS]
-    address = "?" + request.url.with_query(kept).raw_query_string
-    return web.Response(status=302, headers={"Location": address})
 
 
 FILES = ("page.js", "page.css", "inter.woff2")

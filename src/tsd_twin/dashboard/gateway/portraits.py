@@ -12,7 +12,6 @@ from tsd_twin.dashboard.gateway.auth import PRINCIPAL
 from tsd_twin.dashboard.gateway.pages import Content
 from tsd_twin.dashboard.scene.robot_geometry import robot_shape
 from tsd_twin.errors import TwinError
-from tsd_twin.robots import RobotDescription
 
 
 class PortraitRoutes:
@@ -38,7 +37,7 @@ class PortraitRoutes:
             known, portrait = self._portraits.get(robot_id, (None, None))
             if portrait is None or known is not link:  # Also after a restart of the robot.
                 try:
-                    body = await asyncio.to_thread(_render, link.robot)
+                    body = await asyncio.to_thread(lambda: robot_shape(link.robot).portrait)
                 except TwinError as error:
                     raise web.HTTPNotFound(text=str(error)) from error
                 portrait = Content(body, ".webp")
@@ -47,7 +46,3 @@ class PortraitRoutes:
                 }
                 self._portraits = {**present, robot_id: (link, portrait)}
         return portrait.respond(request)
-
-
-def _render(robot: RobotDescription) -> bytes:
-    return robot_shape(robot).portrait

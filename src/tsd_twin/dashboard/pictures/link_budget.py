@@ -127,7 +127,7 @@ class LinkBudget:
         if s_per_byte is None:
             return self._before
         needed = [each for each in FORMATS if 8 * width <= each.eighths * own_width]
-        top = FORMATS.index(_smallest_size(needed)) if needed else 0
+        top = FORMATS.index(min(needed, key=lambda each: each.eighths)) if needed else 0
         formats = FORMATS[top:]
         if video:
             largest = FORMATS[top].eighths
@@ -155,8 +155,3 @@ class LinkBudget:
         takes_s = size_bytes * (self.s_per_byte or 0.0) / SHARE
         # A picture that was late by less than its own time does not delay the next.
         self._next_s = max(self._next_s, now_s - takes_s) + takes_s
-
-
-def _smallest_size(formats: list[PictureFormat]) -> PictureFormat:
-    """Return the first of the formats with the fewest pixels, which has the best quality."""
-    return min(formats, key=lambda each: each.eighths)

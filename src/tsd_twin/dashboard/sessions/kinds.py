@@ -99,10 +99,6 @@ class RobotView:
     """Wheels, equations and figures for the Student tab."""
 
 
-def _gimbal_fields(drive: Any, joints: Array) -> dict[str, Any]:
-    return {"modules": GimbalDisplay(drive).poses(joints)}
-
-
 def _wheel_fields(drive: Any, joints: Array) -> dict[str, Any]:
     return {"wheels": wheel_poses(drive, joints)}
 
@@ -112,7 +108,7 @@ _VIEWS = KindTable(
     {
         SingularityDescription: RobotView(
             GimbalTelemetry,
-            _gimbal_fields,
+            lambda drive, joints: {"modules": GimbalDisplay(drive).poses(joints)},
             SINGULARITY_KNOBS,
             GIMBAL_STUDY,
         ),

@@ -15,45 +15,41 @@ class PermittedRobots:
     """Robots that a page may watch; all others do not exist for it."""
 
     def __init__(self, directory: RobotDirectory | PermittedRobots, rights: RobotRights) -> None:
-        self._directory, self._rights = directory, rights
-        self._links = _PermittedLinks(directory.links, rights)
-
-    @property
-    def links(self) -> Mapping[str, RobotMonitor]:
+        self._directory = directory
+        self.links: Mapping[str, RobotMonitor] = _PermittedLinks(directory.links, rights)
         """Live view of the robots, by id."""
-        return self._links
 
     def robot_names(self) -> list[RobotName]:
         """Return the entries of the robot menu; a new page selects the first."""
-        return [name for name in self._directory.robot_names() if name.id in self._links]
+        return [name for name in self._directory.robot_names() if name.id in self.links]
 
     def robot(self, robot_id: str | None) -> KnownRobot | None:
         """Return a robot; a new object after the robot has restarted."""
-        return self._directory.robot(robot_id) if robot_id in self._links else None
+        return self._directory.robot(robot_id) if robot_id in self.links else None
 
     def state(self, robot_id: str | None) -> RobotState | None:
         """Return the state of a robot, or None before its first status."""
-        return self._directory.state(robot_id) if robot_id in self._links else None
+        return self._directory.state(robot_id) if robot_id in self.links else None
 
     def events(self, robot_id: str) -> list[tuple[float, Event]]:
         """Return the latest events of a robot with their ages in seconds, oldest first."""
-        return self._directory.events(robot_id) if robot_id in self._links else []
+        return self._directory.events(robot_id) if robot_id in self.links else []
 
     def links_to_stop(self, robot_id: str | None) -> list[RobotMonitor]:
         """Return the robots to stop, for a page that has a robot selected."""
         links = self._directory.links_to_stop(robot_id)
-        return [link for link in links if link.id in self._links]
+        return [link for link in links if link.id in self.links]
 
     def on_map(self, state: MapState) -> MapState:
         """Return the moving elements of a map without other robots."""
-        return MapState([each for each in state.robots if each.id in self._links], state.envelope)
+        return MapState([each for each in state.robots if each.id in self.links], state.envelope)
 
     def lines_on_map(self, lines: MapLines) -> MapLines:
         """Return planned paths and trails without those of other robots."""
-        routes = {each: points for each, points in lines.routes.items() if each in self._links}
+        routes = {each: points for each, points in lines.routes.items() if each in self.links}
         trails = None
         if lines.trails is not None:
-            trails = {each: points for each, points in lines.trails.items() if each in self._links}
+            trails = {each: points for each, points in lines.trails.items() if each in self.links}
         return MapLines(routes=routes, trails=trails)
 
 

@@ -86,7 +86,8 @@ class RobotDirectory:
         executor: RpcExecutor,
         roster: RobotRoster | None = None,
     ) -> None:
-        self._links = links
+        self.links = links
+        """Live view of all robots, by id."""
         self._executor = executor
         self._roster = roster or RobotRoster()
         self._robots: dict[str, KnownRobot] = {}
@@ -95,14 +96,9 @@ class RobotDirectory:
         self._modes: dict[str, tuple[str, float]] = {}
         self._measuring: set[asyncio.Task[None]] = set()
 
-    @property
-    def links(self) -> Mapping[str, RobotMonitor]:
-        """Live view of all robots, by id."""
-        return self._links
-
     def robot_names(self) -> list[RobotName]:
         """Return the entries of the robot menu; a new page selects the first."""
-        links, roster = self._links, self._roster
+        links, roster = self.links, self._roster
         return [
             RobotName(robot_id, links[robot_id].robot.title, roster.css_colour(robot_id))
             for robot_id in roster.in_order(links)
@@ -110,7 +106,7 @@ class RobotDirectory:
 
     def robot(self, robot_id: str | None) -> KnownRobot | None:
         """Return a robot; a new object after the robot has restarted."""
-        link = self._links.get(robot_id) if robot_id is not None else None
+        link = self.links.get(robot_id) if robot_id is not None else None
         if link is None:
             return None
         known = self._robots.get(link.id)
@@ -161,8 +157,9 @@ class RobotDirectory:
     def health(self) -> dict[str, dict[str, str | float | None]]:
         """Return the mode and state age of each robot; null before its first status."""
         health: dict[str, dict[str, str | float | None]] = {}
-        for robot_id, link in list(self._links.items()):
-            status, age_s = link.snapshot.status, _state_age_s(link)
+        for robot_id, link in list(self.links.items()):
+            snapshot = link.snapshot
+            status, age_s = snapshot.status, time.monotonic() - snapshot.received_s
             health[robot_id] = {
                 "mode": status.mode if status else None,
                 "age_s": round(age_s, 3) if math.isfinite(age_s) else None,
@@ -173,7 +170,7 @@ class RobotDirectory:
         """Return whether a robot that may be watched has sent a state recently."""
         return any(
             _is_live(link) and rights.may_watch(robot_id)
-            for robot_id, link in list(self._links.items())
+            for robot_id, link in list(self.links.items())
         )
 
     def note_status(self, robot_id: str) -> None:
@@ -198,7 +195,7 @@ class RobotDirectory:
         These are all live robots if the page shows a recording or no robot. Replays cannot be
         stopped.
         """
-        links = list(self._links.values())
+        links = list(self.links.values())
         shown = [link for link in links if link.id == robot_id and not link.is_recording]
         return shown or [link for link in links if not link.is_recording]
 
@@ -211,7 +208,7 @@ class RobotDirectory:
             await asyncio.sleep(_PING_PERIOD_S)
             self._measuring = {task for task in self._measuring if not task.done()}
             busy = {task.get_name() for task in self._measuring}
-            for link in list(self._links.values()):
+            for link in list(self.links.values()):
                 if period % _IDLE_PINGS and not link.is_streaming:
                     continue
                 answers = not link.has_duplicate and _is_live(link)
@@ -243,7 +240,3 @@ class RobotDirectory:
 
 def _is_live(link: RobotMonitor) -> bool:
     return link.snapshot.overdue_s(time.monotonic()) < LIVE_TIMEOUT_S
-
-
-def _state_age_s(link: RobotMonitor) -> float:
-    return time.monotonic() - link.snapshot.received_s

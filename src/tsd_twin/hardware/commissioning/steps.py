@@ -12,11 +12,15 @@ from tsd_twin.kinematics import Joint, JointKind
 
 
 @dataclass(frozen=True, slots=True)
-class Measure:
-    """A person measures a quantity and types its value."""
-
+class _Named:
     name: str
     text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Measure(_Named):
+    """A person measures a quantity and types its value."""
+
     unit: str
     least: float
     most: float
@@ -24,74 +28,56 @@ class Measure:
 
 
 @dataclass(frozen=True, slots=True)
-class Confirm:
+class Confirm(_Named):
     """A person confirms an observation."""
 
-    name: str
-    text: str
     hint: str
 
 
 @dataclass(frozen=True, slots=True)
-class Connect:
+class Connect(_Named):
     """Connect to the robot. Gimbals within 9 deg of upright get torque and turn upright."""
-
-    name: str
-    text: str
 
 
 @dataclass(frozen=True, slots=True)
-class Watch:
+class Watch(_Named):
     """A person prepares a state, then the robot's readings are judged."""
 
-    name: str
-    text: str
     verdict: Callable[[Sequence[Reading]], Finding | None]
     seconds: float = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class CompareBattery:
+class CompareBattery(_Named):
     """A person types the battery voltage, and the robot measures it."""
-
-    name: str
-    text: str
 
 
 @dataclass(frozen=True, slots=True)
-class Tilt:
+class Tilt(_Named):
     """A person pushes a gimbal by hand in its positive direction."""
 
-    name: str
-    text: str
     joint: int
 
 
 @dataclass(frozen=True, slots=True)
-class HandTurn:
+class HandTurn(_Named):
     """A person turns one wheel by hand, and its sensor sends pulses."""
 
-    name: str
-    text: str
     wheel: int
     """Number of the wheel, from 1."""
 
 
 @dataclass(frozen=True, slots=True)
-class Swing:
+class Swing(_Named):
     """The robot tilts one gimbal by 3 deg and returns it."""
 
-    name: str
-    text: str
     joint: int
 
 
 @dataclass(frozen=True, slots=True)
-class Turn:
+class Turn(_Named):
     """The robot turns one wheel slowly."""
 
-    name: str
-    text: str
     joint: int
     wheel: int
     """Number of the wheel, from 1."""

@@ -79,8 +79,6 @@ class Framing(ABC):
     """Framing of a protocol version, for requests and responses."""
 
     HEADER: ClassVar[bytes]
-    OVERHEAD: ClassVar[int]
-    """Frame size without parameters, bytes."""
     NUMBER: ClassVar[str]
     """`struct` format of an address or a length."""
 
@@ -131,7 +129,6 @@ class Protocol1(Framing):
     """
 
     HEADER = b"\xff\xff"
-    OVERHEAD = 6
     NUMBER = "B"
 
     def encode(self, packet: Packet) -> bytes:
@@ -175,7 +172,6 @@ class Protocol2(Framing):
     """
 
     HEADER = b"\xff\xff\xfd\x00"
-    OVERHEAD = 10
     NUMBER = "H"
 
     def encode(self, packet: Packet) -> bytes:

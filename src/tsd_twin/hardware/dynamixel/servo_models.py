@@ -1,7 +1,7 @@
 """Servo models for gimbals, and the settings with which a servo moves straight to its goal.
 
-`firmware/servo_models.h` is generated from this module. All writable registers except
-`NOT_COMPARED` are compared with the factory defaults. Source:
+`firmware/servo_models.h` is generated from this module. All writable registers that
+can change the motion are compared with the factory defaults; a test lists the others. Source:
 https://emanual.robotis.com/docs/en/dxl/.
 """
 
@@ -177,34 +177,6 @@ MODELS: dict[int, ServoModel] = {
     )
 }
 """Servo models by model number."""
-
-NOT_COMPARED: dict[ProtocolVersion, dict[int, str]] = {
-    1: {
-        3: "id: the calibration names it",
-        4: "baud rate: a servo with another does not answer",
-        17: "alarm LED: a light",
-        24: "torque: switched and watched while the robot works",
-        25: "LED: a light",
-        30: "goal position: written in each cycle",
-        47: "lock: protects the settings",
-    },
-    2: {
-        7: "id: the calibration names it",
-        8: "baud rate: a servo with another does not answer",
-        24: "moving threshold: of a flag that nobody reads",
-        40: "acceleration limit of an XM: of the profile, which must be off; not all have it",
-        56: "external port: of an XM540, moves nothing",
-        57: "external port: of an XM540, moves nothing",
-        58: "external port: of an XM540, moves nothing",
-        60: "startup configuration: what it restores is compared; not every firmware has it",
-        64: "torque: switched and watched while the robot works",
-        65: "LED: a light",
-        102: "goal current: of other operating modes",
-        104: "goal velocity: of other operating modes",
-        116: "goal position: written in each cycle",
-    },
-}
-"""Writable registers that are not compared, by protocol and address, with the reason."""
 
 
 def wrong_setting(

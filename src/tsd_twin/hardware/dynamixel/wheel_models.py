@@ -1,6 +1,7 @@
 """Servo models for wheels: Dynamixel X in velocity mode, with the settings that wheels need.
 
-All writable registers except `NOT_COMPARED` are compared with the factory defaults. Source:
+All writable registers that matter in velocity mode are compared with the factory defaults, the
+velocity limit with the speed of the robot's wheels. Source:
 https://emanual.robotis.com/docs/en/dxl/x/, tables of each model.
 """
 
@@ -20,34 +21,6 @@ VELOCITY_LIMIT = 44
 VELOCITY_LIMIT_SIZE = 4
 LOAD_PERCENT = 0.1
 """Unit of register 126 of a servo that reports its load in place of a current."""
-
-NOT_COMPARED: dict[int, str] = {
-    7: "id: the calibration names it",
-    8: "baud rate: a servo with another does not answer",
-    20: "homing offset: of positions",
-    24: "moving threshold: of a flag that nobody reads",
-    40: "acceleration limit of an XM: of the profile, which must be off; not all have it",
-    44: "velocity limit: compared with the speed of the robot's wheels",
-    48: "largest position: of position mode",
-    52: "smallest position: of position mode",
-    56: "external port: of an XM540, moves nothing",
-    57: "external port: of an XM540, moves nothing",
-    58: "external port: of an XM540, moves nothing",
-    60: "startup configuration: what it restores is compared; not every firmware has it",
-    64: "torque: switched and watched while the robot works",
-    65: "LED: a light",
-    80: "position D gain: of position mode",
-    82: "position I gain: of position mode",
-    84: "position P gain: of position mode",
-    88: "feedforward 2nd gain: of position mode",
-    90: "feedforward 1st gain: of position mode",
-    98: "bus watchdog: set and watched while the robot works",
-    102: "goal current: of other operating modes",
-    104: "goal velocity: written in each cycle",
-    112: "profile velocity: of position mode",
-    116: "goal position: of position mode",
-}
-"""Writable registers that are not compared, with the reason."""
 
 
 @dataclass(frozen=True, slots=True)
