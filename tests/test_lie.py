@@ -8,13 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 import viser.transforms as vtf
-from hypothesis import assume, example, given, settings
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from tests.support.matrices import expm1, se2_hat, se2_matrix, so3_hat, so3_matrix
 from tsd_twin.lie import SE2, SO3, Array, sinc, wrap
-
-unhurried = settings(deadline=None)
 
 DENORMAL = 1e-300
 """Below this, floating-point numbers lose digits."""
@@ -46,7 +44,6 @@ every_group = pytest.mark.parametrize("group", [se2, so3], ids=["SE2", "SO3"])
 
 
 @every_group
-@unhurried
 @given(t=tangents())
 def test_exp_is_the_matrix_exponential(group: Group, t: Array) -> None:
     np.testing.assert_allclose(
@@ -54,7 +51,6 @@ def test_exp_is_the_matrix_exponential(group: Group, t: Array) -> None:
     )
 
 
-@unhurried
 @given(t=tangents())
 @example(t=np.array([1.0, -2.0, 3e-9]))
 def test_exp_of_se2_keeps_all_digits_of_small_motions(t: Array) -> None:
@@ -71,7 +67,6 @@ def test_exp_of_se2_keeps_all_digits_of_small_motions(t: Array) -> None:
 
 
 @every_group
-@unhurried
 @given(a=tangents(), b=tangents())
 def test_composition_is_the_product_of_matrices(group: Group, a: Array, b: Array) -> None:
     left, right = group.cls.exp(a), group.cls.exp(b)
@@ -80,7 +75,6 @@ def test_composition_is_the_product_of_matrices(group: Group, a: Array, b: Array
     )
 
 
-@unhurried
 @given(a=tangents(), b=tangents())
 def test_a_pose_plus_a_tangent_is_the_product_with_its_exponential(a: Array, b: Array) -> None:
     start, moved = SE2(a), SE2(a).plus(b)
@@ -93,7 +87,6 @@ def test_a_pose_plus_a_tangent_is_the_product_with_its_exponential(a: Array, b: 
 
 
 @every_group
-@unhurried
 @given(a=tangents(), b=tangents(), c=tangents())
 def test_composition_is_closed_and_associative(group: Group, a: Array, b: Array, c: Array) -> None:
     x, y, z = (group.cls.exp(t) for t in (a, b, c))
@@ -107,7 +100,6 @@ def test_composition_is_closed_and_associative(group: Group, a: Array, b: Array,
 
 
 @every_group
-@unhurried
 @given(t=tangents())
 def test_identity_is_neutral_and_inverse_undoes(group: Group, t: Array) -> None:
     x, identity = group.cls.exp(t), group.cls.identity()
@@ -121,7 +113,6 @@ def test_identity_is_neutral_and_inverse_undoes(group: Group, t: Array) -> None:
 
 
 @every_group
-@unhurried
 @given(t=tangents(largest=1.8))
 def test_log_undoes_exp_within_half_a_turn(group: Group, t: Array) -> None:
     """Rotation vectors of at most 1.8 on each axis are shorter than pi."""
@@ -133,7 +124,6 @@ hairs = st.sampled_from([1e-3, 1e-6, 1e-9, 1e-12])
 """Margin below half a turn."""
 
 
-@unhurried
 @given(direction=tangents(), hair=hairs)
 def test_log_of_a_rotation_is_right_up_to_half_a_turn(direction: Array, hair: float) -> None:
     length = np.linalg.norm(direction)
@@ -142,14 +132,12 @@ def test_log_of_a_rotation_is_right_up_to_half_a_turn(direction: Array, hair: fl
     np.testing.assert_allclose(SO3.exp(t).log(), t, rtol=0, atol=1e-13)
 
 
-@unhurried
 @given(t=tangents(), hair=hairs, short_of=st.sampled_from([-np.pi, np.pi]))
 def test_log_of_a_pose_is_right_around_half_a_turn(t: Array, hair: float, short_of: float) -> None:
     for t[2] in (short_of - hair, short_of, short_of + hair):
         np.testing.assert_allclose(SE2.exp(t).log(), t, rtol=0, atol=1e-13)
 
 
-@unhurried
 @given(t=tangents(largest=20.0))
 def test_log_of_a_rotation_is_the_shortest_way(t: Array) -> None:
     rotation = SO3.exp(t)
@@ -174,7 +162,6 @@ def test_headings_count_full_turns(turns: float) -> None:
     np.testing.assert_allclose((pose @ pose).xy_heading[2], 2.0 * t[2], rtol=1e-15)
 
 
-@unhurried
 @given(t=tangents(), point=tangents())
 def test_points_and_vectors_are_mapped_as_by_the_matrix(t: Array, point: Array) -> None:
     pose, rotation = SE2.exp(t), SO3.exp(t)
@@ -190,7 +177,6 @@ def test_points_and_vectors_are_mapped_as_by_the_matrix(t: Array, point: Array) 
     np.testing.assert_allclose(rotation.as_matrix(), so3_matrix(rotation), **close)
 
 
-@unhurried
 @given(a=tangents(), b=tangents())
 def test_viser_agrees(a: Array, b: Array) -> None:
     """Except for turns of 1e-10 to 1e-8, where its SE2.exp loses the half-angle term."""
@@ -217,7 +203,6 @@ def test_a_batch_is_its_members(group: Group) -> None:
     assert getattr(group.cls.identity((2, 3)), group.parameters).shape[:2] == (2, 3)
 
 
-@unhurried
 @given(st.floats(-1e6, 1e6))
 @example(np.nextafter(-np.pi, -np.inf))
 @example(np.pi)
@@ -232,7 +217,6 @@ def test_wrapping_lands_in_range_and_turns_by_whole_turns(angle: float) -> None:
     assert turns == pytest.approx(round(turns), abs=1e-9)
 
 
-@unhurried
 @given(st.floats(-50.0, 50.0), scales)
 def test_sinc_is_sine_over_its_argument(x: float, scale: float) -> None:
     x *= scale
@@ -242,7 +226,6 @@ def test_sinc_is_sine_over_its_argument(x: float, scale: float) -> None:
         assert value == 1.0
 
 
-@unhurried
 @given(pose=tangents(30.0), other=tangents(30.0))
 def test_one_planar_pose_is_the_member_of_a_batch_to_the_bit(pose: Array, other: Array) -> None:
     one, many = SE2(pose), SE2(np.stack([pose, pose]))

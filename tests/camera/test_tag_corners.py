@@ -95,7 +95,7 @@ def pictures() -> list[tuple[View, Gray, Array]]:
     number=st.integers(0, 2),
     errors=st.lists(st.floats(-0.3, 0.3), min_size=8, max_size=8),
 )
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_corners_do_not_depend_on_the_first_guess(number: int, errors: list[float]) -> None:
     """Guesses are off by 0.3 cells in each coordinate, which is 1.6 px; OpenCV's, by 2 px."""
     view, pixels, true = pictures()[number]
@@ -107,7 +107,7 @@ def test_corners_do_not_depend_on_the_first_guess(number: int, errors: list[floa
 
 
 @given(st.lists(st.floats(-40.0, 40.0), min_size=8, max_size=8))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_corners_never_leave_their_cell(errors: list[float]) -> None:
     """Any quadrilateral, also one that crosses itself, is refused or stays within a cell."""
     view, pixels, true = pictures()[0]

@@ -70,7 +70,7 @@ def test_a_picture_of_another_size_than_the_calibration_gives_no_poses():
         seen_by(np.ascontiguousarray(picture[::2, ::2]))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(0.0, 0.5))
 def test_pixels_lead_back_to_the_point_that_they_show(x, y, height):
     pixels = VIEW.project(np.array([[0.3 * x, 0.2 * y, height]]))

@@ -55,7 +55,7 @@ def test_a_gimbal_that_sticks_shuts_off_the_wheels_and_is_named(
     assert status.consistency.suspect == gimbal.split("_", maxsplit=1)[0], "what told stays seen"
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     seed=st.integers(0, 1000),
     errors=st.sampled_from([0.0, 1.0]),

@@ -399,7 +399,6 @@ def test_the_laws_hold_whatever_happens_in_whatever_order() -> None:
         settings=settings(
             max_examples=30,
             stateful_step_count=30,
-            deadline=None,
             phases=[Phase.reuse, Phase.generate],  # Shrinking such a script takes minutes.
             suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
         ),

@@ -114,7 +114,7 @@ def test_what_is_not_used_is_counted_under_exactly_one_reason(rig: ControllerHar
     burst=st.integers(0, 80),
     more=st.lists(st.integers(0, 8), max_size=20),
 )
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_of_a_flood_each_is_used_or_counted_and_the_rest_of_the_second_is_served(
     burst: int, more: list[int]
 ) -> None:
@@ -135,7 +135,7 @@ def test_of_a_flood_each_is_used_or_counted_and_the_rest_of_the_second_is_served
 
 
 @given(twice=st.lists(st.booleans(), min_size=20, max_size=60))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_what_is_said_twice_is_believed_once(twice: list[bool]) -> None:
     """Duplicated messages add no information."""
     once, doubled = ControllerHarness(), ControllerHarness()
@@ -162,7 +162,7 @@ def test_what_is_said_twice_is_believed_once(twice: list[bool]) -> None:
 
 @pytest.mark.parametrize("frame", [BASE, ODOM])
 @given(seed=st.integers(0, 99))
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 def test_a_pose_neither_moves_the_robot_nor_changes_what_it_may(frame: str, seed: int) -> None:
     """Compare a robot that receives arbitrary poses with one that receives none."""
     random = np.random.default_rng(seed)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.controller_harness import ROBOT, ControllerHarness
@@ -44,7 +44,6 @@ def test_a_stop_needs_no_readable_request(rig: ControllerHarness, payload: bytes
     assert rig.status().stop == because(Code.STOP_REQUESTED)
 
 
-@settings(deadline=None)
 @given(
     payload=st.binary(max_size=50)
     | st.dictionaries(

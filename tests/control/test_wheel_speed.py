@@ -47,7 +47,7 @@ def spins(rig: ControllerHarness) -> Array:
     return rig.simulated.truth(rig.now_s).joints[rig.wheels] / RPM
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(
     way=st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-2, 2)),
     speed=st.floats(0.3, 1.0),

@@ -52,7 +52,7 @@ def ride(
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_without_noise_the_errors_are_found(seed: int) -> None:
     random = np.random.default_rng(seed)
     errors = SIGMA * random.standard_normal(4)

@@ -22,7 +22,7 @@ DRIVE = ROBOT.kinematics()
 EXACT = JointErrors()
 DT_S = 0.01
 
-unhurried = settings(deadline=None, max_examples=25)
+unhurried = settings(max_examples=25)
 
 
 def new_odometry(noise: JointErrors = EXACT) -> PlanarOdometry:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Generator, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Generator
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -44,11 +44,39 @@ AHEAD = DRIVE.inverse(np.array([0.5, 0.0, 0.0]))
 
 
 @contextmanager
-def plugged(wires: Wires, board: PretendBoard) -> Iterator[None]:
+def plugged(wires: Wires, board: PretendBoard) -> Generator[None]:
     """Have a pretended board at a port."""
     wires.plug_in(PORT, board.answer)
     yield
     wires.unplug(PORT)
+
+
+@contextmanager
+def connected(
+    wires: Wires,
+    board: PretendBoard,
+    calibration: ServoCalibration | None = None,
+    *,
+    robot: robots.SingularityDescription = ROBOT,
+    servos: bool = True,
+) -> Generator[ArduinoMegaIO]:
+    with (
+        plugged(wires, board),
+        closing(ArduinoMegaIO(robot, PORT, Motors.of(robot), calibration, servos=servos)) as io,
+    ):
+        yield io
+
+
+def refused(
+    wires: Wires,
+    board: PretendBoard,
+    words: str,
+    robot: robots.SingularityDescription = ROBOT,
+) -> str:
+    """Return the error by which a board is not used."""
+    with pytest.raises(HardwareError, match=words) as caught, connected(wires, board, robot=robot):
+        pass
+    return str(caught.value)
 
 
 def wait_until(condition: Callable[[], object], what: str) -> None:
@@ -132,14 +160,14 @@ class Bench:
 
 
 @contextmanager
-def bench(wires: Wires, board: PretendBoard | None = None) -> Iterator[Bench]:
+def bench(
+    wires: Wires,
+    board: PretendBoard | None = None,
+    robot: robots.SingularityDescription = ROBOT,
+) -> Generator[Bench]:
     board = board or PretendBoard()
-    with plugged(wires, board):
-        robot = ArduinoMegaIO(ROBOT, PORT, Motors.of(ROBOT))
-        try:
-            yield Bench(board, wires, robot)
-        finally:
-            robot.close()
+    with connected(wires, board, robot=robot) as io:
+        yield Bench(board, wires, io)
 
 
 @pytest.fixture
@@ -164,7 +192,7 @@ def test_the_board_is_set_up_and_told_what_the_joints_shall_do(it: Bench) -> Non
 
 
 def test_what_the_board_measures_is_read_once(it: Bench) -> None:
-    it.board.telemetry = replace(it.board.telemetry, position=(100, -100, 0, 1, 2, 3))
+    it.board.report(position=(100, -100, 0, 1, 2, 3))
     it.until(lambda: it.robot.hardware()["connected"], "news")
 
     def news() -> bool:
@@ -205,11 +233,8 @@ def test_another_board_or_table_is_refused_in_a_sentence(
 ) -> None:
     board = PretendBoard()
     board.identity = identity
-    with plugged(wires, board):
-        with pytest.raises(HardwareError, match=words) as caught:
-            ArduinoMegaIO(ROBOT, PORT, Motors.of(ROBOT))
-        assert "flash the firmware that comes with it" in str(caught.value)
-        assert not board.commands
+    assert "flash the firmware that comes with it" in refused(wires, board, words)
+    assert not board.commands
 
 
 @pytest.mark.parametrize(
@@ -264,10 +289,8 @@ def test_without_servos_at_the_board_its_geometry_does_not_matter(wires: Wires) 
     """Radio control needs all six servos at the board."""
     board = PretendBoard()
     board.geometry = replace(board.geometry, wheel_radius_um=46000)
-    with plugged(wires, board):
-        robot = ArduinoMegaIO(ROBOT, PORT, Motors.of(ROBOT), servos=False)
+    with connected(wires, board, servos=False) as robot:
         assert robot.fault(time.monotonic()) is None
-        robot.close()
 
 
 def test_the_build_of_the_firmware_is_shown(wires: Wires) -> None:
@@ -280,11 +303,7 @@ def test_the_build_of_the_firmware_is_shown(wires: Wires) -> None:
 def test_a_board_that_refuses_its_set_up_is_not_used(wires: Wires) -> None:
     board = PretendBoard()
     board.error = 4
-    with (
-        plugged(wires, board),
-        pytest.raises(HardwareError, match="refuses its set-up: error 4"),
-    ):
-        ArduinoMegaIO(ROBOT, PORT, Motors.of(ROBOT))
+    refused(wires, board, "refuses its set-up: error 4")
 
 
 def test_a_board_with_power_at_its_drive_refuses_another_zero_throttle_and_says_why(
@@ -293,11 +312,7 @@ def test_a_board_with_power_at_its_drive_refuses_another_zero_throttle_and_says_
     monkeypatch.setattr("tsd_twin.hardware.controller_board._RUN_DOWN_S", 0.2)
     board = PretendBoard()
     board.error = 7
-    with (
-        plugged(wires, board),
-        pytest.raises(HardwareError, match="error 7; open the contactor: it takes another zero"),
-    ):
-        ArduinoMegaIO(ROBOT, PORT, Motors.of(ROBOT))
+    refused(wires, board, "error 7; open the contactor: it takes another zero")
 
 
 def test_receiver_and_pulse_ends_of_the_calibration_are_told_to_the_board(wires: Wires) -> None:
@@ -306,11 +321,9 @@ def test_receiver_and_pulse_ends_of_the_calibration_are_told_to_the_board(wires:
         speed_controllers=EscCalibration((1000.0, 1060.0, 1200.0), (2000.0, 1940.5, 2200.0)),
     )
     board = PretendBoard()
-    board.telemetry = replace(board.telemetry, throttle_out=(2000, 3000, 4000))
-    with plugged(wires, board):
-        robot = ArduinoMegaIO(ROBOT, PORT, Motors.of(ROBOT), calibration)
+    board.report(throttle_out=(2000, 3000, 4000))
+    with connected(wires, board, calibration) as robot:
         assert robot.hardware()["pulse_us"] == [1000.0, 1500.25, 2200.0]
-        robot.close()
     told = board.setups[0]
     assert (told.receiver_kind, told.receiver_map, told.stick_dead) == (1, 0x5F2301, 30)
     assert (told.pulse_low, told.pulse_high) == ((2000, 2120, 2400), (4000, 3881, 4400))
@@ -327,7 +340,7 @@ def test_a_board_that_the_radio_control_has_is_met_if_it_knows_its_set_up(
             ArduinoMegaIO(ROBOT, PORT, Motors.of(ROBOT)).close()
         assert len(board.setups) == 1, "told once: it says that it knows"
         board.obeys_arm = False
-        board.telemetry = replace(board.telemetry, mode=BoardMode.RC)
+        board.report(mode=BoardMode.RC)
         robot = ArduinoMegaIO(ROBOT, PORT, Motors.of(ROBOT))
         assert robot.fault(time.monotonic()) == because(Code.RADIO_CONTROL)
         robot.close()
@@ -345,15 +358,15 @@ def test_the_thresholds_of_the_battery_are_told_to_the_board_and_warned_of(
     assert written.battery_arm_mv == pytest.approx(1000.0 * battery.arm_v)
     assert written.battery_stop_mv == pytest.approx(1000.0 * battery.stop_v)
     low_v = round(0.5 * (battery.warn_v + battery.arm_v), 1)
-    it.board.telemetry = replace(it.board.telemetry, battery_mv=round(1000.0 * low_v))
+    it.board.report(battery_mv=round(1000.0 * low_v))
     it.until(lambda: it.robot.hardware().get("warnings"), "warned")
     assert it.robot.hardware()["warnings"] == [f"the battery is low: below {battery.warn_v:g} V"]
     assert caplog.text.count("the battery is low") == 1
     assert it.fault is None
-    it.board.telemetry = replace(it.board.telemetry, battery_mv=round(990.0 * battery.arm_v))
+    it.board.report(battery_mv=round(990.0 * battery.arm_v))
     it.until(lambda: it.fault, "refused")
     assert it.fault == because(Code.BATTERY_TOO_LOW, volts=0.99 * battery.arm_v)
-    it.board.telemetry = replace(it.board.telemetry, battery_mv=12500)
+    it.board.report(battery_mv=12500)
     it.until(lambda: not it.fault and not it.robot.hardware()["warnings"], "well")
 
 
@@ -375,14 +388,11 @@ def test_what_is_missing_of_the_radio_control_is_named_before_arming(
     warned: bool,
 ) -> None:
     board = PretendBoard()
-    board.telemetry = replace(board.telemetry, rc=pulses)
-    with plugged(wires, board):
-        calibration = ServoCalibration(receiver=receiver)
-        robot = ArduinoMegaIO(ROBOT, PORT, Motors.of(ROBOT), calibration)
+    board.report(rc=pulses)
+    with connected(wires, board, ServoCalibration(receiver=receiver)) as robot:
         silent = because(Code.RECEIVER_SILENT, channels=channels) if channels else None
         assert robot.fault(time.monotonic()) == silent
         assert ("--setup" in "".join(robot.hardware()["warnings"])) == warned
-        robot.close()
     assert board.setups[0].receiver_expected == (receiver is not None)
     assert board.setups[0].stick_low == (receiver or Receiver()).low_us
 
@@ -419,14 +429,8 @@ def test_what_is_missing_of_the_radio_control_is_named_before_arming(
                 "XM540-W270 (1120), XM540-W150 (1130)",
             ),
         ),
-        (
-            {"servo_checked": 0b111011},
-            because(Code.SERVO_UNREAD, servos="3 (module2_alpha)"),
-        ),
-        (
-            {"servo_torque": 0b110111},
-            because(Code.SERVO_LIMP, servos="4 (module2_beta)"),
-        ),
+        ({"servo_checked": 0b111011}, because(Code.SERVO_UNREAD, servos="3 (module2_alpha)")),
+        ({"servo_torque": 0b110111}, because(Code.SERVO_LIMP, servos="4 (module2_beta)")),
         (
             {"servo_torque": 0b111101, "servo_far": 0b000010},
             because(Code.SERVO_FAR, servos="2 (module1_beta)"),
@@ -436,19 +440,14 @@ def test_what_is_missing_of_the_radio_control_is_named_before_arming(
 def test_a_servo_that_is_not_set_or_does_not_hold_is_named(
     it: Bench, telemetry: dict[str, Any], fault: Reason
 ) -> None:
-    it.board.telemetry = replace(it.board.telemetry, **telemetry)
+    it.board.report(**telemetry)
     it.until(lambda: it.fault == fault, "named")
 
 
 def test_a_gimbal_that_did_not_follow_is_named(it: Bench) -> None:
     it.arm()
     it.board.obeys_arm = False
-    it.board.telemetry = replace(
-        it.board.telemetry,
-        mode=BoardMode.DISARMED,
-        trip=Trip.FOLLOWING,
-        servo_stuck=0b000010,
-    )
+    it.board.report(mode=BoardMode.DISARMED, trip=Trip.FOLLOWING, servo_stuck=0b000010)
     told = "a gimbal does not follow its goal: it is stuck, or its servo is"
     trip = because(Code.BOARD_TRIP, trip="following")
     fault = because(Code.GIMBALS_STUCK, trip, servos="2 (module1_beta)")
@@ -458,7 +457,7 @@ def test_a_gimbal_that_did_not_follow_is_named(it: Bench) -> None:
 
 def test_the_last_trips_are_told_and_read_again_after_each(wires: Wires) -> None:
     board = PretendBoard()
-    board.telemetry = replace(board.telemetry, nonce=(300, 1))
+    board.report(nonce=(300, 1))
     board.history = TripHistory(
         past_trip=(Trip.STOPPED, Trip.BATTERY, 99, *(0,) * 5),
         past_start=(44, 42, 255, *(0,) * 5),
@@ -478,22 +477,22 @@ def test_the_last_trips_are_told_and_read_again_after_each(wires: Wires) -> None
             it.write()
             time.sleep(0.005)
         assert it.robot.hardware()["past_trips"]["1"].startswith("STOP"), "no trip, no read"
-        it.board.telemetry = replace(it.board.telemetry, trips=1)
+        it.board.report(trips=1)
         it.until(lambda: len(it.robot.hardware()["past_trips"]) == 8, "read again")
         assert it.code == ""
 
 
 def test_a_stop_that_was_never_seen_to_work_is_asked_for_once(it: Bench) -> None:
-    it.board.telemetry = replace(it.board.telemetry, stop_proven=0)
+    it.board.report(stop_proven=0)
     untested = because(Code.ARMING_OBSTACLE, what="stop_not_proven")
     it.until(lambda: it.fault == untested, "asked for")
-    it.board.telemetry = replace(it.board.telemetry, stop_proven=1)
+    it.board.report(stop_proven=1)
     it.until(lambda: it.fault is None, "seen")
 
 
 def test_a_stop_reaches_the_board_also_when_the_radio_control_has_the_robot(it: Bench) -> None:
     it.board.obeys_arm = False
-    it.board.telemetry = replace(it.board.telemetry, mode=BoardMode.RC)
+    it.board.report(mode=BoardMode.RC)
     it.until(lambda: it.code == Code.RADIO_CONTROL, "taken")
 
     def written(heartbeat: Heartbeat, arm: int) -> bool:
@@ -507,7 +506,7 @@ def test_a_stop_reaches_the_board_also_when_the_radio_control_has_the_robot(it: 
 
 def test_the_node_is_told_the_voltage_of_the_battery(it: Bench) -> None:
     assert isinstance(it.robot, HasBattery)
-    it.board.telemetry = replace(it.board.telemetry, battery_mv=11150)
+    it.board.report(battery_mv=11150)
     it.until(lambda: it.robot.battery_v(time.monotonic()) == 11.15, "measured")
     it.unplug()
     it.until(lambda: it.robot.battery_v(time.monotonic()) is None, "not any more")
@@ -515,10 +514,10 @@ def test_the_node_is_told_the_voltage_of_the_battery(it: Bench) -> None:
 
 def test_the_node_is_told_the_hottest_servo_and_75_degrees_are_a_fault(it: Bench) -> None:
     assert isinstance(it.robot, HasServoTemperature)
-    it.board.telemetry = replace(it.board.telemetry, temperature=(40, 50, 74, 45, 40, 40))
+    it.board.report(temperature=(40, 50, 74, 45, 40, 40))
     it.until(lambda: it.robot.servo_c(time.monotonic()) == 74.0, "measured")
     it.until(lambda: not it.fault, "no fault")
-    it.board.telemetry = replace(it.board.telemetry, temperature=(40, 50, 75, 45, 40, 76))
+    it.board.report(temperature=(40, 50, 75, 45, 40, 76))
     it.until(
         lambda: (
             it.fault
@@ -533,25 +532,21 @@ def test_the_node_is_told_the_hottest_servo_and_75_degrees_are_a_fault(it: Bench
 def test_a_servo_with_the_id_of_the_board_is_not_told_to_flash_firmware(wires: Wires) -> None:
     board = PretendBoard()
     board.identity = BoardIdentity(model=311)
-    with (
-        plugged(wires, board),
-        pytest.raises(HardwareError, match=r"is a servo, MX-64\(2.0\), with the id 200") as caught,
-    ):
-        ArduinoMegaIO(ROBOT, PORT, Motors.of(ROBOT))
-    assert "flash" not in str(caught.value)
+    words = r"is a servo, MX-64\(2.0\), with the id 200"
+    assert "flash" not in refused(wires, board, words)
 
 
 def test_missed_answers_are_counted_for_each_servo(it: Bench) -> None:
     it.until(lambda: it.robot.hardware().get("servos"), "connected")
-    it.board.telemetry = replace(it.board.telemetry, servo_missed=(0, 0, 250, 0, 0, 0))
+    it.board.report(servo_missed=(0, 0, 250, 0, 0, 0))
     it.until(lambda: it.robot.hardware()["servos"]["missed"] == [0, 0, 250, 0, 0, 0], "counted")
-    it.board.telemetry = replace(it.board.telemetry, servo_missed=(1, 0, 4, 0, 0, 0))
+    it.board.report(servo_missed=(1, 0, 4, 0, 0, 0))
     it.until(lambda: it.robot.hardware()["servos"]["missed"] == [1, 0, 260, 0, 0, 0], "wrapped")
 
 
 def test_the_commands_carry_the_session_of_the_board(it: Bench) -> None:
     it.arm()
-    it.board.telemetry = replace(it.board.telemetry, nonce=(7, 65535))
+    it.board.report(nonce=(7, 65535))
     it.until(lambda: it.told.session == (7, 65535), "of this session", armed=True)
 
 
@@ -561,18 +556,14 @@ def test_a_port_at_which_nobody_answers_is_named(
     monkeypatch.setattr("tsd_twin.hardware.controller_board._BOOT_S", 0.2)
     board = PretendBoard()
     board.silent = True
-    with (
-        plugged(wires, board),
-        pytest.raises(HardwareError, match="answers as a controller board at 1000000 Bd"),
-    ):
-        ArduinoMegaIO(ROBOT, PORT, Motors.of(ROBOT))
+    refused(wires, board, "answers as a controller board at 1000000 Bd")
 
 
 def test_turned_servos_and_other_neutrals_are_told_to_the_board(wires: Wires) -> None:
     board = PretendBoard()
     calibration = ServoCalibration({"module2_alpha": 2100}, ["module1_beta", "module3_beta"])
-    with plugged(wires, board):
-        ArduinoMegaIO(ROBOT, PORT, Motors.of(ROBOT), calibration).close()
+    with connected(wires, board, calibration):
+        pass
     assert board.setups[0].neutral == (2048, 2048, 2100, 2048, 2048, 2048)
     assert board.setups[0].reverse == 0b100010
 
@@ -580,7 +571,7 @@ def test_turned_servos_and_other_neutrals_are_told_to_the_board(wires: Wires) ->
 def test_a_board_that_trips_is_a_fault_until_the_robot_was_disarmed(it: Bench) -> None:
     it.arm()
     it.board.obeys_arm = False
-    it.board.telemetry = replace(it.board.telemetry, mode=0, trip=Trip.HEARTBEAT)
+    it.board.report(mode=0, trip=Trip.HEARTBEAT)
     it.until(lambda: it.fault, "tripped", armed=True)
     assert it.fault == because(Code.BOARD_TRIP, trip="heartbeat")
     it.until(lambda: it.told.arm == 0, "asks no more", armed=True)
@@ -613,7 +604,7 @@ def test_unplugged_it_is_a_fault_and_back_it_is_disarmed(it: Bench) -> None:
 def test_a_board_that_restarts_is_set_up_again_and_stays_disarmed(it: Bench) -> None:
     it.arm()
     count = len(it.board.commands)
-    it.board.telemetry = replace(it.board.telemetry, millis=0, resets=1, mode=0)
+    it.board.report(millis=0, resets=1, mode=0)
     it.board.table[Setup.ADDRESS] ^= 1  # It has forgotten, too.
     it.until(lambda: it.code == Code.BOARD_RESTARTED, "noticed", armed=True)
     it.until(lambda: len(it.board.setups) == 2, "set up again", armed=True)
@@ -623,16 +614,11 @@ def test_a_board_that_restarts_is_set_up_again_and_stays_disarmed(it: Bench) -> 
 
 @pytest.mark.parametrize(
     ("cause", "word"),
-    [
-        (ResetCause.BROWN_OUT, "brown_out"),
-        (ResetCause.POWER_ON, "power_on"),
-    ],
+    [(ResetCause.BROWN_OUT, "brown_out"), (ResetCause.POWER_ON, "power_on")],
 )
 def test_a_board_that_restarts_says_why(it: Bench, cause: ResetCause, word: str) -> None:
     it.arm()
-    it.board.telemetry = replace(
-        it.board.telemetry, millis=0, resets=1, mode=0, reset_cause=int(cause)
-    )
+    it.board.report(millis=0, resets=1, mode=0, reset_cause=int(cause))
     restarted = because(Code.BOARD_RESTARTED, reset=word)
     it.until(lambda: it.fault == restarted, "noticed", armed=True)
 
@@ -653,11 +639,9 @@ def test_a_mistake_in_the_wiring_is_recognised_when_it_connects(
     wires: Wires, change: dict[str, int], told: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     board = PretendBoard()
-    board.telemetry = replace(board.telemetry, **change)
-    with plugged(wires, board):
-        robot = ArduinoMegaIO(ROBOT, PORT, Motors.of(ROBOT))
+    board.report(**change)
+    with connected(wires, board) as robot:
         wiring = robot.hardware()["warnings"]
-        robot.close()
     assert len(wiring) == bool(told)
     assert told in "".join(wiring)
     assert told in caplog.text
@@ -667,7 +651,7 @@ def test_a_board_that_lost_its_power_with_the_plug_is_recognised(it: Bench) -> N
     it.arm()
     it.unplug()
     it.until(lambda: it.code == Code.DEVICE_DISCONNECTED, "gone", armed=True)
-    it.board.telemetry = replace(it.board.telemetry, millis=10, reset_cause=1, mode=0)
+    it.board.report(millis=10, reset_cause=1, mode=0)
     it.plug_in()
     it.until(lambda: it.robot.hardware()["connected"], "back", armed=True)
     assert "lost its power together with the line" in it.robot.hardware()["warnings"][0]
@@ -735,7 +719,7 @@ def test_garbage_is_a_fault_until_the_line_is_clean_and_nothing_arms_by_itself(
                 it.board.spoils = 1000
             case _:
                 errors = it.board.telemetry.rx_errors + 1
-                it.board.telemetry = replace(it.board.telemetry, rx_errors=errors)
+                it.board.report(rx_errors=errors)
 
     def told() -> bool:
         soil()
@@ -792,13 +776,13 @@ def test_what_is_wrong_below_the_board_is_said(
 ) -> None:
     it.board.obeys_arm = False
     it.until(lambda: not it.fault, "well")
-    it.board.telemetry = replace(it.board.telemetry, **change)
+    it.board.report(**change)
     it.until(lambda: it.fault, "noticed")
     assert it.fault == fault
 
 
 def test_a_servo_that_is_dead_is_not_measured(it: Bench) -> None:
-    it.board.telemetry = replace(it.board.telemetry, servo_alive=0b111110, position=(5,) * 6)
+    it.board.report(servo_alive=0b111110, position=(5,) * 6)
 
     def measured() -> bool:
         joints = it.robot.read(time.monotonic())
@@ -808,9 +792,7 @@ def test_a_servo_that_is_dead_is_not_measured(it: Bench) -> None:
 
 
 def test_the_status_has_figures_of_link_board_and_servos(it: Bench) -> None:
-    it.board.telemetry = replace(
-        it.board.telemetry, battery_mv=11870, voltage=(118,) * 6, temperature=(41,) * 6, rx_errors=3
-    )
+    it.board.report(battery_mv=11870, voltage=(118,) * 6, temperature=(41,) * 6, rx_errors=3)
     it.until(lambda: it.robot.hardware().get("battery_v") == 11.87, "figures")
     facts = it.robot.hardware()
     assert facts["kind"] == "mega"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -168,14 +167,14 @@ def test_the_file_keeps_what_else_it_has(tmp_path: Path) -> None:
 
 def test_channels_are_read_from_a_board_whose_drive_is_off(tmp_path: Path) -> None:
     board = PretendBoard()
-    board.telemetry = replace(board.telemetry, drive_on=0)
+    board.report(drive_on=0)
     channels = Radio((1500,) * 16 + REST)
     board.table[Radio.ADDRESS : Radio.ADDRESS + Radio.LAYOUT.size] = channels.pack()
     with plugged(tmp_path, board) as peer:
         transport = SerialTransport(peer.port, 1_000_000)
         find_board(transport, 1_000_000)
         assert set(watch_channels(transport, 0.1)) == {channels.channel}
-        board.telemetry = replace(board.telemetry, drive_on=1)
+        board.report(drive_on=1)
         with pytest.raises(HardwareError, match="open the contactor first"):
             watch_channels(transport, 0.1)
         transport.close()

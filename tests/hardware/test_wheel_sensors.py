@@ -5,18 +5,16 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Generator
-from dataclasses import replace
 
 import msgspec
 import numpy as np
 import pytest
 
-from tests.hardware.test_mega import PORT, ROBOT, Bench, plugged
+from tests.hardware.test_mega import PORT, ROBOT, Bench, bench, plugged, refused
 from tests.hardware.wired_machines import Wires
 from tests.support.pty_devices import PretendBoard, ServoChain
 from tsd_twin.hardware.arduino_mega import ArduinoMegaIO
 from tsd_twin.hardware.dynamixel.control_table import BoardMode, Trip, Wheels
-from tsd_twin.hardware.serial_transport import HardwareError
 from tsd_twin.hardware.u2d2 import U2D2IO
 from tsd_twin.messages.codes import Code, because
 from tsd_twin.robots import RPM
@@ -31,13 +29,8 @@ WHEELS = [2, 5, 8]
 
 @pytest.fixture
 def it(wires: Wires) -> Generator[Bench]:
-    board = PretendBoard()
-    with plugged(wires, board):
-        robot = ArduinoMegaIO(MEASURING, PORT, Motors.of(ROBOT))
-        try:
-            yield Bench(board, wires, robot)
-        finally:
-            robot.close()
+    with bench(wires, robot=MEASURING) as made:
+        yield made
 
 
 def measured(it: Bench) -> np.ndarray:
@@ -63,26 +56,17 @@ TELEMETRY = msgspec.structs.replace(ROBOT, wheel_sensor=WheelSensor("telemetry",
 def test_telemetry_is_set_up_with_the_pole_pairs_and_named_if_it_is_missing(wires: Wires) -> None:
     board = PretendBoard()
     board.wheels = Wheels(wheel_measured=0b011, wheel_rpm=(2500, 2510, 0))
-    with plugged(wires, board):
-        robot = ArduinoMegaIO(TELEMETRY, PORT, Motors.of(ROBOT))
-        try:
-            it = Bench(board, wires, robot)
-            measured(it)
-            assert (board.setups[-1].wheel_sensor, board.setups[-1].wheel_pulses) == (2, 7)
-            (warning,) = [text for text in robot.hardware()["warnings"] if "telemetry" in text]
-            assert "module3_wheel" in warning
-        finally:
-            robot.close()
+    with bench(wires, board, TELEMETRY) as it:
+        measured(it)
+        assert (board.setups[-1].wheel_sensor, board.setups[-1].wheel_pulses) == (2, 7)
+        (warning,) = [text for text in it.robot.hardware()["warnings"] if "telemetry" in text]
+        assert "module3_wheel" in warning
 
 
 def test_a_mega_that_refuses_telemetry_is_not_used_and_the_reason_is_named(wires: Wires) -> None:
     board = PretendBoard()
     board.error = 4
-    with (
-        plugged(wires, board),
-        pytest.raises(HardwareError, match="a Mega has one free serial input for three wires"),
-    ):
-        ArduinoMegaIO(TELEMETRY, PORT, Motors.of(ROBOT))
+    refused(wires, board, "a Mega has one free serial input for three wires", TELEMETRY)
 
 
 @pytest.mark.parametrize(
@@ -127,9 +111,7 @@ def test_a_wheel_that_does_not_follow_is_named_with_its_speeds(it: Bench) -> Non
     it.board.wheels = Wheels(
         7, (2500, 300, 2500), wheel_stuck=2, stuck_rpm=400, stuck_wanted_rpm=2501
     )
-    it.board.telemetry = replace(
-        it.board.telemetry, mode=int(BoardMode.DISARMED), trip=int(Trip.WHEEL)
-    )
+    it.board.report(mode=int(BoardMode.DISARMED), trip=int(Trip.WHEEL))
     stuck = because(Code.WHEEL_STUCK, wheel="module2_wheel", rpm=400.0, wanted_rpm=2501.0)
     it.until(lambda: it.fault == stuck, "the wheel is named", armed=True)
     it.disarm()

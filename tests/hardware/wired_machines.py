@@ -7,7 +7,7 @@ import re
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from types import SimpleNamespace
 
@@ -253,8 +253,7 @@ class WiredMega(PretendBoard):
         self.moved_unasked = False
         self.throttles = [ZERO_THROTTLE] * 3
         """Largest throttles since they were last read."""
-        self.telemetry = replace(
-            self.telemetry,
+        self.report(
             supply_mv=5000,
             voltage=(120,) * 6,
             temperature=(30,) * 6,
@@ -285,8 +284,7 @@ class WiredMega(PretendBoard):
             position[self.servo_order[i]] += self.servo_signs[i] * PUSH_STEPS
         power = self.closed or self.welded or self.a1_upstream
         drive_mv = round(1000 * BATTERY_V) if power else 100
-        self.telemetry = replace(
-            self.telemetry,
+        self.report(
             position=tuple(position),
             drive_mv=drive_mv,
             drive_on=int(power),
@@ -320,9 +318,7 @@ class WiredMega(PretendBoard):
 
     def young(self) -> None:
         """Be reset by the opened port."""
-        self.telemetry = replace(
-            self.telemetry, millis=1000, reset_cause=int(ResetCause.EXTERNAL), battery_mv=12000
-        )
+        self.report(millis=1000, reset_cause=int(ResetCause.EXTERNAL), battery_mv=12000)
 
 
 @dataclass

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -119,7 +119,7 @@ class MegaMachine(Wired):
 
     def telemetry(self, **values: object) -> None:
         """Replace what the board measures."""
-        self.board.telemetry = replace(self.board.telemetry, **values)
+        self.board.report(**values)
 
 
 class MegaWithSensors(MegaMachine):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.kinematics.random_kinematics import (
@@ -18,10 +18,7 @@ from tests.kinematics.random_kinematics import (
 from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import Array
 
-unhurried = settings(deadline=None)
 
-
-@unhurried
 @given(
     kinematics=drives(fewest=3),
     direction=directions(),
@@ -48,7 +45,6 @@ def test_one_module_that_disagrees_is_seen_and_blamed(
     assert fault_contribution.max() <= fault_contribution[guilty] * (1.0 + 1e-6)
 
 
-@unhurried
 @given(data=st.data())
 def test_blame_is_what_leaving_a_module_out_takes_off_the_residual(data: st.DataObject) -> None:
     kinematics = data.draw(drives())
@@ -66,7 +62,6 @@ def test_blame_is_what_leaving_a_module_out_takes_off_the_residual(data: st.Data
         assert fault_contribution == pytest.approx(taken, rel=1e-6, abs=tolerance)
 
 
-@unhurried
 @given(kinematics=drives(), direction=directions(), share=shares, droop=st.floats(0.0, 1.0))
 def test_the_same_droop_of_all_spins_leaves_no_residual(
     kinematics: SingularityKinematics, direction: Array, share: float, droop: float

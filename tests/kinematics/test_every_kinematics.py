@@ -21,7 +21,7 @@ from tsd_twin.kinematics import Kinematics, OmniKinematics, SphereKinematics
 from tsd_twin.lie import Array
 from tsd_twin.robots import DESCRIPTIONS, ExternalDescription
 
-calm = settings(deadline=None, max_examples=60)
+calm = settings(max_examples=60)
 
 
 def within_limit(kinematics: Kinematics[Any], direction: Array, share: float) -> Array:

@@ -20,7 +20,7 @@ from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import Array
 from tsd_twin.robots import JointErrors
 
-calm = settings(deadline=None, max_examples=60)
+calm = settings(max_examples=60)
 coordinates = st.floats(-1.0, 1.0)
 
 
@@ -111,7 +111,7 @@ def test_no_module_tilts_beyond_its_limit_and_the_direction_stays(
         np.testing.assert_allclose(reached, share * twist, atol=1e-12)
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(layouts(), twists())
 def test_covariance_of_the_twist_matches_random_errors(points: Array, twist: Array) -> None:
     """With random gimbal zero errors: least squares over rigid-body rows, 20,000 times."""

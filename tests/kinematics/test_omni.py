@@ -15,7 +15,7 @@ from tsd_twin.kinematics import OmniKinematics
 from tsd_twin.kinematics.omni import layout_problem
 from tsd_twin.lie import Array
 
-calm = settings(deadline=None, max_examples=60)
+calm = settings(max_examples=60)
 Z = np.array([0.0, 0.0, 1.0])
 WHEELS = {
     "wheel_radius_m": 0.05,

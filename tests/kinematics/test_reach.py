@@ -21,7 +21,7 @@ from tsd_twin.kinematics import (
 from tsd_twin.kinematics.base import largest_projection, largest_twist, section, shadow
 from tsd_twin.lie import Array
 
-calm = settings(deadline=None, max_examples=40)
+calm = settings(max_examples=40)
 PLANES = [(0, 1), (0, 2), (1, 2)]
 SAMPLES = 4000
 POINTS = 48

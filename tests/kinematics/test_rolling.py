@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.kinematics.random_kinematics import (
@@ -18,8 +18,6 @@ from tests.kinematics.rigid_wheels import gimbals, in_robot_frame, pivots, slip
 from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import Array
 
-unhurried = settings(deadline=None)
-
 
 def least_squares(
     kinematics: SingularityKinematics, pivot_velocities: Array
@@ -33,7 +31,6 @@ def least_squares(
     return twist, flat - rows @ twist
 
 
-@unhurried
 @given(kinematics=drives(), direction=directions(), share=shares)
 def test_no_wheel_slips(kinematics: SingularityKinematics, direction: Array, share: float) -> None:
     """Wheels tilted by the inverse kinematics roll without slip at every contact."""
@@ -42,7 +39,6 @@ def test_no_wheel_slips(kinematics: SingularityKinematics, direction: Array, sha
     assert np.abs(slipping).max() <= 1e-12 * size(kinematics, twist)
 
 
-@unhurried
 @given(kinematics=drives(), direction=directions(), share=shares)
 def test_axles_and_tilts_are_those_of_the_rotation_matrices(
     kinematics: SingularityKinematics, direction: Array, share: float
@@ -65,7 +61,6 @@ def test_axles_and_tilts_are_those_of_the_rotation_matrices(
     )
 
 
-@unhurried
 @given(data=st.data())
 def test_turning_gimbals_roll_too(data: st.DataObject) -> None:
     """Forward kinematics with rates, against numerical derivatives of rotation matrices."""

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.kinematics.random_kinematics import (
@@ -23,10 +23,7 @@ from tsd_twin.kinematics import JointKind, SingularityKinematics
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import RPM, load_robot
 
-unhurried = settings(deadline=None)
 
-
-@unhurried
 @given(kinematics=drives(), direction=directions(), share=shares)
 def test_forward_undoes_inverse(
     kinematics: SingularityKinematics, direction: Array, share: float
@@ -41,7 +38,6 @@ def test_forward_undoes_inverse(
     assert np.abs(motion.residual).max() <= tolerance
 
 
-@unhurried
 @given(kinematics=drives(), direction=directions(), excess=st.floats(1.0001, 1e6))
 def test_too_much_is_scaled_as_a_whole(
     kinematics: SingularityKinematics, direction: Array, excess: float
@@ -59,7 +55,6 @@ def test_too_much_is_scaled_as_a_whole(
     assert kinematics.tilt(joints).max() == pytest.approx(kinematics.max_tilt_rad, rel=1e-12)
 
 
-@unhurried
 @given(kinematics=drives(), direction=directions(), share=st.floats(0.0, 10.0))
 def test_demand_is_the_tilt_that_a_twist_needs(
     kinematics: SingularityKinematics, direction: Array, share: float
@@ -70,7 +65,6 @@ def test_demand_is_the_tilt_that_a_twist_needs(
     assert max(sines) == pytest.approx(expected, rel=1e-12, abs=1e-300)
 
 
-@unhurried
 @given(
     kinematics=drives(),
     a=directions(),

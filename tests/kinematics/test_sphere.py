@@ -16,7 +16,7 @@ from tsd_twin.kinematics import SphereKinematics
 from tsd_twin.kinematics.omni import contacts_and_directions, sphere_layout_problem
 from tsd_twin.lie import SO3, Array
 
-calm = settings(deadline=None, max_examples=60)
+calm = settings(max_examples=60)
 ATLAS = robots.load_robot("atlas").kinematics()
 WHEELS = {
     "wheel_radius_m": 0.025,

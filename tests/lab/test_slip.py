@@ -60,7 +60,7 @@ def test_bodies_on_a_floor_move_so_and_their_wheels_slow_down_so() -> None:
     assert np.abs(DT_S * np.cumsum(off, axis=0)[89::90, :2]).max() < 0.002
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 @given(st.integers(0, 2**32 - 1))
 def test_pushing_undoes_sliding(seed: int) -> None:
     """For any smooth motion within friction, the wheel motion from `push` reproduces it."""

@@ -7,7 +7,7 @@ import itertools
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.link_emulation.link_runs import (
@@ -25,10 +25,7 @@ from tests.link_emulation.link_runs import (
 from tsd_twin.link_emulation import LinkSpec, Stall, Wander
 from tsd_twin.link_emulation.link import DETOUR_S
 
-unhurried = settings(deadline=None)
 
-
-@unhurried
 @given(specs(), journeys())
 def test_each_packet_arrives_once_or_is_lost(spec: LinkSpec, packets: list[Sent]) -> None:
     tried = link(spec)
@@ -40,7 +37,6 @@ def test_each_packet_arrives_once_or_is_lost(spec: LinkSpec, packets: list[Sent]
     assert counters.lost == len(packets) - len(numbers)
 
 
-@unhurried
 @given(specs(loss=0.0), journeys())
 def test_without_loss_nothing_is_lost_whatever_else_happens(
     spec: LinkSpec, packets: list[Sent]
@@ -48,21 +44,18 @@ def test_without_loss_nothing_is_lost_whatever_else_happens(
     assert len(travel(link(spec), packets)) == len(packets)
 
 
-@unhurried
 @given(specs(), journeys())
 def test_no_packet_is_faster_than_the_delay(spec: LinkSpec, packets: list[Sent]) -> None:
     for packet, at_s in travel(link(spec), packets):
         assert at_s - packet.at_s >= spec.delay_s - ROUNDING_S
 
 
-@unhurried
 @given(specs(reorder=0.0), journeys())
 def test_order_is_kept_without_reordering(spec: LinkSpec, packets: list[Sent]) -> None:
     numbers = [packet.number for packet, _ in travel(link(spec), packets)]
     assert numbers == sorted(numbers)
 
 
-@unhurried
 @given(specs(), journeys())
 def test_no_span_of_time_sees_more_than_the_bandwidth(spec: LinkSpec, packets: list[Sent]) -> None:
     arrived = travel(link(spec), packets)
@@ -73,7 +66,6 @@ def test_no_span_of_time_sees_more_than_the_bandwidth(spec: LinkSpec, packets: l
         assert bits / spec.bandwidth_bit_per_s <= span_s + ROUNDING_S
 
 
-@unhurried
 @given(delays_s, stalls, journeys(), st.floats(-1e5, 1e5))
 def test_a_stall_delivers_nothing_while_it_lasts_and_everything_after(
     delay_s: float, stall: Stall, packets: list[Sent], start_s: float
@@ -87,7 +79,6 @@ def test_a_stall_delivers_nothing_while_it_lasts_and_everything_after(
         assert not stalled
 
 
-@unhurried
 @given(delays_s, bandwidths, journeys(), st.floats(0.0, 5.0), st.floats(0.01, 5.0))
 def test_a_stall_at_will_shifts_what_is_on_its_way_by_its_length(
     delay_s: float, bandwidth: float, packets: list[Sent], from_s: float, length_s: float
@@ -155,7 +146,6 @@ def test_the_share_that_takes_the_detour_is_overtaken(share: float) -> None:
         assert overtaken is (number in on_detour and number + 1 not in on_detour)
 
 
-@unhurried
 @given(st.integers(1, 1500), st.floats(1e4, 1e8))
 def test_packets_in_a_row_arrive_as_far_apart_as_the_bandwidth_makes_them(
     size_bytes: int, bandwidth: float
@@ -166,7 +156,6 @@ def test_packets_in_a_row_arrive_as_far_apart_as_the_bandwidth_makes_them(
         assert at_s == pytest.approx(number * 8 * size_bytes / bandwidth, abs=ROUNDING_S)
 
 
-@unhurried
 @given(specs(), journeys())
 def test_the_same_seed_gives_the_same_journey(spec: LinkSpec, packets: list[Sent]) -> None:
     assert travel(link(spec), packets) == travel(link(spec), packets)
@@ -196,7 +185,6 @@ def test_another_seed_gives_another_journey() -> None:
     assert len(set(journeys)) == 20
 
 
-@unhurried
 @given(specs(loss=0.3), delays_s, journeys())
 def test_what_is_lost_does_not_depend_on_how_late_the_rest_is(
     spec: LinkSpec, jitter_s: float, packets: list[Sent]
@@ -208,7 +196,6 @@ def test_what_is_lost_does_not_depend_on_how_late_the_rest_is(
     assert survivors(spec) == survivors(other)
 
 
-@unhurried
 @given(specs(loss=0.0), journeys())
 def test_more_than_the_capacity_is_never_on_the_way(spec: LinkSpec, packets: list[Sent]) -> None:
     capacity_bytes = 2000
@@ -223,7 +210,6 @@ def test_more_than_the_capacity_is_never_on_the_way(spec: LinkSpec, packets: lis
             inside[packet.number] = packet.size_bytes
 
 
-@unhurried
 @given(specs(loss=0.0), journeys(), st.floats(0.0, 10.0))
 def test_a_cut_loses_what_is_on_its_way_and_what_comes_until_it_is_mended(
     spec: LinkSpec, packets: list[Sent], cut_s: float
@@ -261,7 +247,6 @@ def test_a_packet_that_nobody_has_taken_when_a_stall_begins_comes_after_it() -> 
     assert tried.receive(1.2) == [Sent(0, 100, 0.0)]
 
 
-@unhurried
 @given(specs(loss=0.0, reorder=0.0), specs(loss=0.0, reorder=0.0), journeys(), journeys())
 def test_order_and_everything_is_kept_when_a_link_becomes_another(
     first: LinkSpec, then: LinkSpec, before: list[Sent], after: list[Sent]

@@ -7,13 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tsd_twin.errors import TwinError
 from tsd_twin.link_emulation import PROFILES, LinkError, LinkSpec, Stall, Wander
-
-unhurried = settings(deadline=None)
 
 times_s = st.floats(0.0, 1e4, allow_subnormal=False) | st.sampled_from([0.0, 1e-6, 0.15, 2.0])
 shares = st.floats(0.0, 1.0, allow_subnormal=False) | st.sampled_from([0.0, 0.02, 1.0])
@@ -40,7 +38,6 @@ specs = st.builds(
 )
 
 
-@unhurried
 @given(specs)
 def test_what_is_written_reads_the_same_to_the_last_bit(spec: LinkSpec) -> None:
     assert LinkSpec.parse(str(spec)) == spec

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import assume, example, given, settings
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from tsd_twin.link_emulation import Stall
 from tsd_twin.link_emulation.link import StallClock
-
-unhurried = settings(deadline=None)
 
 TICK_S = 0.25  # Sums of these are exact.
 
@@ -30,7 +28,6 @@ def stands(tick: int, rhythm: tuple[int, int] | None, holds: list[tuple[int, int
     return rhythm is not None and tick >= rhythm[1] and tick % rhythm[1] < rhythm[0]
 
 
-@unhurried
 @given(rhythms, holds, st.integers(-40, 40), st.integers(1, 7))
 def test_it_runs_in_all_ticks_but_those_of_stalls(
     rhythm: tuple[int, int] | None, holds: list[tuple[int, int]], start: int, every: int
@@ -50,7 +47,6 @@ def test_it_runs_in_all_ticks_but_those_of_stalls(
         ran += not stands(tick, rhythm, known)
 
 
-@unhurried
 @given(rhythms, holds, st.integers(0, 80), st.integers(0, 60))
 @example(rhythm=(1, 2), holds=[], ran=2, from_tick=0)
 def test_when_is_the_first_moment_that_shows_a_time_and_runs(
@@ -68,7 +64,6 @@ def test_when_is_the_first_moment_that_shows_a_time_and_runs(
     assert stopwatch.when(ran * TICK_S) == tick * TICK_S
 
 
-@unhurried
 @given(rhythms, rhythms, st.integers(0, 60), st.integers(0, 60))
 def test_a_new_rhythm_leaves_what_ran_so_far(
     before: tuple[int, int] | None, after: tuple[int, int] | None, first: int, then: int
@@ -80,7 +75,6 @@ def test_a_new_rhythm_leaves_what_ran_so_far(
     assert stopwatch.read((first + then) * TICK_S) == ran * TICK_S
 
 
-@unhurried
 @given(st.floats(0.01, 10.0), st.floats(0.01, 10.0), st.floats(0.0, 1e4), st.floats(0.0, 1e6))
 def test_when_and_read_are_inverse_for_any_times(
     length_s: float, between_s: float, ran_s: float, start_s: float

@@ -6,14 +6,12 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tests.link_emulation.link_runs import ROUNDING_S, Sent, journeys, link, paced, specs, travel
 from tsd_twin.link_emulation import LinkSpec, Stall
 from tsd_twin.link_emulation.link import MAX_TIMEOUT_S, LinkModel, Segment, Stream
-
-unhurried = settings(deadline=None)
 
 
 class Connection:
@@ -60,7 +58,6 @@ def carried(spec: LinkSpec, packets: list[Sent]) -> Connection:
     return connection
 
 
-@unhurried
 @given(specs(), journeys())
 def test_everything_arrives_once_and_in_order_and_nothing_waits_at_the_end(
     spec: LinkSpec, packets: list[Sent]
@@ -78,7 +75,6 @@ ROUNDED_DOWN = (
 )
 
 
-@unhurried
 @example(*ROUNDED_DOWN)
 @given(specs(loss=0.0), journeys())
 def test_without_loss_a_payload_waits_for_its_own_segment_and_those_before(
@@ -89,7 +85,6 @@ def test_without_loss_a_payload_waits_for_its_own_segment_and_those_before(
     assert [at_s for _, at_s in carried(spec, packets).released] == expected_s
 
 
-@unhurried
 @given(specs(), journeys())
 def test_a_lost_segment_costs_a_time_out_at_least(spec: LinkSpec, packets: list[Sent]) -> None:
     timeout_s = max(0.2, 4.0 * (spec.delay_s + spec.jitter_s))
@@ -189,7 +184,6 @@ def test_progress_takes_the_time_out_back_to_the_first() -> None:
     assert connection.released[1][1] == pytest.approx(10.2)
 
 
-@unhurried
 @given(st.lists(st.integers(1, 1500), max_size=20))
 def test_what_waits_is_counted_in_bytes(sizes: list[int]) -> None:
     connection = Connection(LinkSpec(delay_s=1.0))

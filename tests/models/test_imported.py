@@ -26,7 +26,7 @@ from tsd_twin.models.external_urdf import MOST_BYTES, read_urdf
 from tsd_twin.robots import ExternalDescription
 from tsd_twin.robots.external import MOST_JOINTS, NOT_PROMISED
 
-calm = settings(deadline=None, max_examples=25)
+calm = settings(max_examples=25)
 TOLERANCE_M = 2e-3
 """Positions have four decimals, angles two of a degree; errors add up along a chain."""
 ONE_LINK = '<link name="a"><visual><geometry><box size="1 1 1"/></geometry></visual></link>'

@@ -277,7 +277,7 @@ def test_joints_are_those_of_the_kinematics(machine: Machine) -> None:
 
 
 @given(axis=st.tuples(*[st.floats(-1.0, 1.0)] * 3))
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 def test_a_sphere_in_urdf_can_be_turned_to_every_orientation(
     axis: tuple[float, float, float],
 ) -> None:
@@ -296,7 +296,7 @@ def test_committed_urdf_shows_its_meshes_in_yourdfpy(name: str) -> None:
     assert np.all(high - low > 0.08)
 
 
-@settings(deadline=None, max_examples=6)
+@settings(max_examples=6)
 @given(
     count=st.integers(3, 8),
     radius_m=st.floats(0.02, 0.15),

@@ -38,7 +38,7 @@ def test_every_part_is_a_closed_solid(robot: RobotDescription) -> None:
         assert part.mesh.volume > 0.0, part.file
 
 
-@settings(deadline=None, max_examples=12)
+@settings(max_examples=12)
 @given(
     count=st.integers(2, 8),
     wheel_m=st.floats(0.02, 0.2),

@@ -26,7 +26,7 @@ ROBOTS = {
     "four modules": VARIANTS["four modules"],
     "uneven": VARIANTS["uneven"],
 }
-unhurried = settings(deadline=None, max_examples=30)
+unhurried = settings(max_examples=30)
 
 
 class Model:

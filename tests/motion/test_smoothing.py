@@ -23,7 +23,7 @@ def speeds(trajectory: Trajectory, t_s: Array) -> Array:
     return np.hypot(*np.moveaxis(trajectory.at(t_s).twist[..., :2], -1, 0))
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(st.floats(0.3, 3.0), st.floats(0.01, 0.3))
 def test_speed_is_the_running_mean(length_m: float, over_s: float) -> None:
     route = Route(line([0.0, 0.0], [length_m, 0.0]))

@@ -101,7 +101,7 @@ class Ride:
 
 
 @pytest.mark.parametrize("name", PLANAR)
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=3)
 @given(goal=places, heading=headings)
 def test_a_place_that_is_clicked_on_is_reached(
     name: str, goal: tuple[float, float], heading: float | None
@@ -122,7 +122,7 @@ def test_a_place_that_is_clicked_on_is_reached(
     assert np.abs(way[:, 1] * along[0] - way[:, 0] * along[1]).max() < ASIDE_M
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 @given(points=drawings())
 def test_a_line_that_is_drawn_is_followed_to_its_end(points: Array) -> None:
     ride = Ride("tsd")
@@ -156,7 +156,7 @@ def test_a_turn_in_place_turns_in_place() -> None:
     assert np.abs(np.array(ride.way)[:, :2]).max() < 0.03
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 @given(points=drawings(), periods=st.integers(20, 150))
 def test_what_is_left_of_an_errand_leads_on_to_its_end(points: Array, periods: int) -> None:
     """Release at any time; the remaining path then starts at the robot's pose at rest."""
@@ -283,9 +283,7 @@ class Storm(RuleBasedStateMachine):
 
 
 def test_whatever_comes_between_the_robot_neither_leaps_nor_gets_faster_than_was_chosen() -> None:
-    run_state_machine_as_test(
-        Storm, settings=settings(max_examples=8, stateful_step_count=20, deadline=None)
-    )
+    run_state_machine_as_test(Storm, settings=settings(max_examples=8, stateful_step_count=20))
 
 
 @pytest.mark.parametrize("broken", [np.nan, np.inf])
@@ -298,7 +296,7 @@ def test_a_pose_that_is_no_number_ends_it(broken: float) -> None:
     assert not step.twist.any()
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(delays_s=st.lists(st.floats() | st.none(), min_size=1, max_size=20))
 def test_whatever_delay_is_measured_a_twist_is_finite_and_within_the_limits(
     delays_s: list[float | None],
@@ -312,7 +310,7 @@ def test_whatever_delay_is_measured_a_twist_is_finite_and_within_the_limits(
         assert np.hypot(*step.twist[:2]) <= 0.8 * robot.limits.speed_mps + 1e-9
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     at_s=st.lists(st.floats(0.0, 1e6), min_size=2, max_size=20),
     off=st.lists(st.floats(-0.2, 0.2), min_size=3, max_size=3),
@@ -346,7 +344,7 @@ def test_errands_that_lead_nowhere_are_refused(navigation_goal: NavigationGoal, 
     assert refused.value.why.code == code
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(points=drawings(), jump=places)
 def test_a_smooth_line_begins_where_the_robot_is_ends_where_it_was_drawn_and_stays_near(
     points: Array, jump: tuple[float, float]

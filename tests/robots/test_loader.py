@@ -165,41 +165,20 @@ def test_an_impossible_value_is_named_with_what_is_possible(
     ("old", "new", "says"),
     [
         ("90.0, 210.0, 330.0", "90.0, 210.0", "speed_rpm has 3 lists, the drive has 2 wheels"),
-        (
-            "[noise]",
-            "[calibration]\nspin_scale = [1, 1]\n[noise]",
-            "calibration.spin_scale has 2 entries for 3 modules",
-        ),
-        (
-            "[noise]",
-            "[calibration]\ntilt_offset_deg = [[0, 0], [0, -30], [0, 0]]\n[noise]",
-            "calibration.tilt_offset_deg[1] is [0.0, -30.0]",
-        ),
-        (
-            "[noise]",
-            "[calibration]\ntilt_offset_deg = [[0, 0], [0, 0], [11, 0]]\n[noise]",
-            "calibration.tilt_offset_deg[2] is [11.0, 0.0] (less than 10 either way: put the servo",
-        ),
-        (
-            "[noise]",
-            "[calibration]\nspin_scale = [1, 1, 5]\n[noise]",
-            "calibration.spin_scale[2]: expected float <= 2.0",
-        ),
-        (
-            "[noise]",
-            "[calibration]\nspin_scale = [1, 0.2, 1]\n[noise]",
-            "calibration.spin_scale[1]: expected float >= 0.5",
-        ),
-        (
-            "[noise]",
-            "[calibration]\nspin_scale = [1, 1.5, 1]\n[noise]",
-            "2500 over calibration.spin_scale[1] = 1.5, motor 2 turns from 2000",
-        ),
-        (
-            "cruise_speed_rpm = 2500.0",
-            "cruise_speed_rpm = 2500.0\nspin_ratio = [1, 0.5, 1]",
-            "2500 times drive.spin_ratio[1] = 0.5, motor 2 turns from 2000",
-        ),
+        ("[noise]", "[calibration]\nspin_scale = [1, 1]\n[noise]",
+         "calibration.spin_scale has 2 entries for 3 modules"),
+        ("[noise]", "[calibration]\ntilt_offset_deg = [[0, 0], [0, -30], [0, 0]]\n[noise]",
+         "calibration.tilt_offset_deg[1] is [0.0, -30.0]"),
+        ("[noise]", "[calibration]\ntilt_offset_deg = [[0, 0], [0, 0], [11, 0]]\n[noise]",
+         "calibration.tilt_offset_deg[2] is [11.0, 0.0] (less than 10 either way: put the servo"),
+        ("[noise]", "[calibration]\nspin_scale = [1, 1, 5]\n[noise]",
+         "calibration.spin_scale[2]: expected float <= 2.0"),
+        ("[noise]", "[calibration]\nspin_scale = [1, 0.2, 1]\n[noise]",
+         "calibration.spin_scale[1]: expected float >= 0.5"),
+        ("[noise]", "[calibration]\nspin_scale = [1, 1.5, 1]\n[noise]",
+         "2500 over calibration.spin_scale[1] = 1.5, motor 2 turns from 2000"),
+        ("cruise_speed_rpm = 2500.0", "cruise_speed_rpm = 2500.0\nspin_ratio = [1, 0.5, 1]",
+         "2500 times drive.spin_ratio[1] = 0.5, motor 2 turns from 2000"),
         ("signal = [0, 20,", "signal = [0,", "speed_rpm[0] has 10 speeds for 9 signals"),
         ("[0, 0, 2938,", "[0, 2938,", "speed_rpm[1] has 9 speeds for 10 signals"),
         ("signal = [0, 20,", "signal = [20, 20,", "motor.signal must rise"),
@@ -211,7 +190,7 @@ def test_an_impossible_value_is_named_with_what_is_possible(
         ("cruise_speed_rpm = 2500.0", "cruise_speed_rpm = 13410.0", "motor 3 turns from 2000 to"),
         ("max_command_age_s = 0.21", "max_command_age_s = 1.5", "limits.max_command_age_s"),
     ],
-)
+)  # fmt: skip
 def test_values_that_contradict_each_other_are_named(old: str, new: str, says: str) -> None:
     assert says in refusal(edited(old, new))
 

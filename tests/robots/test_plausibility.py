@@ -64,82 +64,38 @@ def refusal(toml: str) -> str:
 @pytest.mark.parametrize(
     ("name", "old", "new", "says"),
     [
-        (
-            "kiwi",
-            "wheel_radius_m = 0.029",
-            "wheel_radius_m = 29.0",
-            "drive.wheel_radius_m is 29 m, did you mean 0.029, which is 29 mm? "
-            "(plausible is 0.0005 to 5 m)",
-        ),
+        ("kiwi", "wheel_radius_m = 0.029", "wheel_radius_m = 29.0",
+         "drive.wheel_radius_m is 29 m, did you mean 0.029, which is 29 mm? "
+         "(plausible is 0.0005 to 5 m)"),
         ("kiwi", "wheel_radius_m = 0.029", "wheel_radius_m = 2.9", "did you mean 0.0029 or 0.029"),
-        (
-            "kiwi",
-            "x_m = 0.06",
-            "x_m = 160.0",
-            "drive.wheels[0].x_m is 160 m, did you mean 0.16, which is 160 mm?",
-        ),
+        ("kiwi", "x_m = 0.06", "x_m = 160.0",
+         "drive.wheels[0].x_m is 160 m, did you mean 0.16, which is 160 mm?"),
         ("kiwi", "x_m = -0.12", "x_m = -12.0", "drive.wheels puts a wheel 12 m from the centre"),
-        (
-            "kiwi",
-            "speed_mps = 0.8",
-            "speed_mps = 800",
-            "limits.speed_mps is 800 m/s, did you mean 0.8, which is 800 mm/s?",
-        ),
-        (
-            "kiwi",
-            "turn_rate_rad_per_s = 4.0",
-            "turn_rate_rad_per_s = 180",
-            "limits.turn_rate_rad_per_s is 180 rad/s, did you mean 3.142, which is 180°/s?",
-        ),
+        ("kiwi", "speed_mps = 0.8", "speed_mps = 800",
+         "limits.speed_mps is 800 m/s, did you mean 0.8, which is 800 mm/s?"),
+        ("kiwi", "turn_rate_rad_per_s = 4.0", "turn_rate_rad_per_s = 180",
+         "limits.turn_rate_rad_per_s is 180 rad/s, did you mean 3.142, which is 180°/s?"),
         ("kiwi", "total_kg = 1.8", "total_kg = 1800", "did you mean 1.8, which is 1800 g?"),
-        (
-            "kiwi",
-            "time_constant_s = 0.03",
-            "time_constant_s = 30",
-            "did you mean 0.03, which is 30",
-        ),
+        ("kiwi", "time_constant_s = 0.03", "time_constant_s = 30",
+         "did you mean 0.03, which is 30"),
         ("kiwi", "nominal_v = 7.4", "nominal_v = 7400", "did you mean 7.4, which is 7400 mV?"),
-        (
-            "kiwi",
-            "direction_deg = 150.0",
-            "direction_deg = 2.618",
-            "drive.wheels[0].direction_deg is 2.618°, did you mean 150, which is 2.618 rad?",
-        ),
+        ("kiwi", "direction_deg = 150.0", "direction_deg = 2.618",
+         "drive.wheels[0].direction_deg is 2.618°, did you mean 150, which is 2.618 rad?"),
         ("omni4", "direction_deg = -45.0", "direction_deg = -0.785", "mean -45, which is -0.785"),
         ("mecanum", "roller_deg = -45.0", "roller_deg = -0.7854", "did you mean -45, which is"),
-        (
-            "tsd",
-            "[90.0, 210.0, 330.0]",
-            "[1.57, 3.67, 5.76]",
-            "drive.azimuths_deg[0] is 1.57°, did you mean 90, which is 1.57 rad?",
-        ),
-        (
-            "tsd",
-            "max_tilt_deg = 30.0",
-            "max_tilt_deg = 0.52",
-            "drive.max_tilt_deg is 0.52°, did you mean 29.79, which is 0.52 rad?",
-        ),
+        ("tsd", "[90.0, 210.0, 330.0]", "[1.57, 3.67, 5.76]",
+         "drive.azimuths_deg[0] is 1.57°, did you mean 90, which is 1.57 rad?"),
+        ("tsd", "max_tilt_deg = 30.0", "max_tilt_deg = 0.52",
+         "drive.max_tilt_deg is 0.52°, did you mean 29.79, which is 0.52 rad?"),
         ("tsd", "pivot_radius_m = 0.15", "pivot_radius_m = 150", "mean 0.15, which is 150 mm?"),
-        (
-            "tsd",
-            "start_speed_rpm = 2000.0",
-            "start_speed_rpm = 2000.0\npulse_low_us = 1.0",
-            "motor.pulse_low_us is 1 µs, did you mean 1000, which is 1 ms?",
-        ),
-        (
-            "atlas",
-            "sphere_radius_m = 0.15",
-            "sphere_radius_m = 150.0",
-            "did you mean 0.15, which is 150 mm?",
-        ),
-        (
-            "atlas",
-            "stop_allowance_m = 0.2",
-            "stop_allowance_m = 200",
-            "limits.stop_allowance_m is 200 m, did you mean 0.2, which is 200 mm?",
-        ),
+        ("tsd", "start_speed_rpm = 2000.0", "start_speed_rpm = 2000.0\npulse_low_us = 1.0",
+         "motor.pulse_low_us is 1 µs, did you mean 1000, which is 1 ms?"),
+        ("atlas", "sphere_radius_m = 0.15", "sphere_radius_m = 150.0",
+         "did you mean 0.15, which is 150 mm?"),
+        ("atlas", "stop_allowance_m = 0.2", "stop_allowance_m = 200",
+         "limits.stop_allowance_m is 200 m, did you mean 0.2, which is 200 mm?"),
     ],
-)
+)  # fmt: skip
 def test_a_number_in_another_unit_is_refused_with_the_one_that_was_meant(
     name: str, old: str, new: str, says: str
 ) -> None:

@@ -23,7 +23,7 @@ from tsd_twin.dashboard.sessions.variants import (
 from tsd_twin.errors import RobotFileError
 from tsd_twin.robots import load_robot, parse_description, robot_names
 
-calm = settings(deadline=None, max_examples=60)
+calm = settings(max_examples=60)
 
 
 @st.composite

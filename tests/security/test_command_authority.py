@@ -276,7 +276,7 @@ def _operate(robot: Robot, person: Operator, dice: random.Random) -> None:
             robot.ask(service, person.request(service))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.randoms(use_true_random=False))
 def test_whatever_a_router_does_only_what_was_sent_to_this_robot_passes(
     dice: random.Random,

@@ -40,7 +40,7 @@ def board() -> BoardModel:
     return BoardModel(ROBOT, SimRobot(ROBOT))
 
 
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 @given(gaps_s=st.lists(st.floats(0.0, TIMEOUT_S), min_size=1, max_size=20))
 def test_as_long_as_set_points_come_it_is_not_there(gaps_s: list[float]) -> None:
     fed, bare = board(), SimRobot(ROBOT)
@@ -59,7 +59,7 @@ def test_as_long_as_set_points_come_it_is_not_there(gaps_s: list[float]) -> None
     assert fed.hardware() == {**bare.hardware(), "tripped": False}
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(looks_s=st.lists(st.floats(0.0, 6.0), max_size=10))
 def test_it_stops_a_robot_whose_set_points_cease_whenever_it_is_looked_at(
     looks_s: list[float],

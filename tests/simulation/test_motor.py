@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tsd_twin.lie import Array
 from tsd_twin.robots import load_robot
 from tsd_twin.simulation import Motors
-
-unhurried = settings(deadline=None)
 
 ROBOT = load_robot("tsd")
 MOTORS = Motors.of(ROBOT)
@@ -45,7 +43,6 @@ def test_between_rows_the_curve_is_straight() -> None:
     np.testing.assert_allclose(middle, TABLE_1[3:5, 1:].mean(axis=0), rtol=1e-12)
 
 
-@unhurried
 @given(st.floats(0.0, 180.0))
 def test_a_motor_stands_still_below_its_starting_speed(signal: float) -> None:
     on_curve = np.array([np.interp(signal, TABLE_1[:, 0], column) for column in TABLE_1[:, 1:].T])
@@ -53,7 +50,6 @@ def test_a_motor_stands_still_below_its_starting_speed(signal: float) -> None:
     np.testing.assert_allclose(MOTORS.speed(np.full(3, signal)) / RPM, expected, rtol=1e-12)
 
 
-@unhurried
 @given(speeds=st.tuples(*[st.floats(2000.0, 13400.0)] * 3))
 def test_calibration_makes_every_motor_turn_as_commanded(
     speeds: tuple[float, float, float],
@@ -113,7 +109,6 @@ def test_spinning_up_and_down_solves_the_equation_of_a_lag() -> None:
     )
 
 
-@unhurried
 @given(speed=speeds_rad_per_s, goal=speeds_rad_per_s, first=times, second=times)
 def test_two_steps_are_one_long_one(speed: Array, goal: Array, first: Array, second: Array) -> None:
     halfway = MOTORS.after(speed, goal, first)

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tsd_twin.lie import Array
 from tsd_twin.robots import load_robot
 from tsd_twin.simulation import Servos
-
-unhurried = settings(deadline=None)
 
 MX64 = Servos.of(load_robot("tsd").with_errors(0.0), battery_v=12.0)
 
@@ -44,7 +42,6 @@ def test_motion_solves_the_differential_equation() -> None:
     assert np.abs(fine - exact).max() < 1e-3
 
 
-@unhurried
 @given(angle=angles, goal=angles, first=times, second=times)
 def test_two_steps_are_one_long_one(angle: Array, goal: Array, first: Array, second: Array) -> None:
     halfway = MX64.after(angle, goal, first)
@@ -56,7 +53,6 @@ def test_two_steps_are_one_long_one(angle: Array, goal: Array, first: Array, sec
     )
 
 
-@unhurried
 @given(angle=angles, goal=angles, elapsed_s=times)
 def test_a_servo_is_never_too_fast_and_never_overshoots(
     angle: Array, goal: Array, elapsed_s: Array
@@ -67,14 +63,12 @@ def test_a_servo_is_never_too_fast_and_never_overshoots(
     assert min(angle, goal) - rounding <= after <= max(angle, goal) + rounding
 
 
-@unhurried
 @given(angle=angles)
 def test_a_servo_at_its_goal_stays(angle: Array) -> None:
     assert MX64.after(angle, angle, np.array(10.0)) == angle
     assert MX64.rate(angle, angle) == 0.0
 
 
-@unhurried
 @given(angle=angles, goal=angles)
 def test_rate_is_the_slope_of_the_motion(angle: Array, goal: Array) -> None:
     h = 1e-7
@@ -91,7 +85,6 @@ def test_the_goal_is_reached() -> None:
     assert after[1] == pytest.approx(np.pi, abs=1e-12)
 
 
-@unhurried
 @given(angle=angles)
 def test_steps_are_the_4096th_part_of_a_turn(angle: Array) -> None:
     quantised = MX64.quantise(angle)
@@ -100,7 +93,6 @@ def test_steps_are_the_4096th_part_of_a_turn(angle: Array) -> None:
     assert np.degrees(abs(quantised - angle)) <= 0.0879 / 2.0 + 1e-9
 
 
-@unhurried
 @given(setpoint=angles)
 def test_a_goal_is_a_step_within_the_tilt_limit(setpoint: Array) -> None:
     goal = MX64.goal(setpoint)

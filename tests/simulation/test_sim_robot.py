@@ -99,7 +99,7 @@ def test_how_often_it_is_read_changes_nothing(period_s: float) -> None:
     np.testing.assert_allclose(end, read_each_millisecond(), rtol=0, atol=1e-5)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(reads=st.lists(st.floats(0.0, 1.2), max_size=60))
 def test_when_it_is_read_changes_nothing(reads: list[float]) -> None:
     end = drive_around(ready(), reads)

@@ -127,6 +127,10 @@ class PretendBoard:
         self.commands: list[BoardCommand] = []
         self.setups: list[Setup] = []
 
+    def report(self, **values: object) -> None:
+        """Change values of the telemetry."""
+        self.telemetry = replace(self.telemetry, **values)  # type: ignore[arg-type]
+
     def answer(self, data: bytes, now_s: float) -> bytes:
         """Return the response."""
         return b"".join(self._late(packet) for packet in self._decoder.feed(data, now_s))

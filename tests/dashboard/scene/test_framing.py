@@ -24,7 +24,7 @@ from tsd_twin.dashboard.scene.framing import (
 from tsd_twin.lie import SO3, Array
 
 pytestmark = pytest.mark.computes
-few = settings(max_examples=40, deadline=None)
+few = settings(max_examples=40)
 
 stands = st.builds(
     lambda xy, reach_m, slim: Stand(xy, reach_m, slim * reach_m),

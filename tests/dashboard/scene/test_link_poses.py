@@ -54,7 +54,7 @@ def matrices(poses: LinkPoses) -> Array:
     return made
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(base=bases, angles=tilts, turn=turns)
 def test_links_are_where_the_urdf_has_them(
     model: Model,
@@ -84,7 +84,7 @@ def test_links_are_where_the_urdf_has_them(
         np.testing.assert_allclose(matrices(poses), at, atol=1e-7)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(base=bases, angles=tilts, turn=turns)
 def test_many_robots_at_once_are_the_same_as_one_at_a_time(
     model: Model,
@@ -105,7 +105,7 @@ def test_many_robots_at_once_are_the_same_as_one_at_a_time(
         np.testing.assert_array_equal(two[kind].position[0], poses.position)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(
     direction=st.tuples(*[st.floats(-1.0, 1.0) | small] * 3),
     share=st.floats(0.0, 0.3),

@@ -400,7 +400,7 @@ def pose_region(
 spreads = st.floats(0.01, 0.5)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(x=spreads, y=spreads, correlation=st.floats(-0.8, 0.8), heading=st.floats(-4.0, 4.0))
 def test_the_region_of_a_certain_heading_is_an_ellipse_of_two_sigma(
     server: viser.ViserServer, x: float, y: float, correlation: float, heading: float

@@ -108,7 +108,7 @@ def test_a_negative_metre_has_a_minus_sign() -> None:
 places = st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0))
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(xy=places, heading=st.floats(-math.pi, math.pi), left=st.floats(0.0, 0.3))
 def test_metre_labels_are_on_their_line_in_the_free_rectangle_and_apart(
     xy: tuple[float, float], heading: float, left: float

@@ -104,9 +104,7 @@ def driver(served: Site) -> Generator[Driver]:
         yield Driver(served, page, lanes)
 
 
-@settings(
-    max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.tuples(st.integers(0, MAX_LANES), st.integers(1, 9)), min_size=2, max_size=8))
 def test_no_command_is_obeyed_after_a_newer_one(
     driver: Driver, sent: list[tuple[int, int]]

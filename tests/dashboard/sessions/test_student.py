@@ -26,7 +26,7 @@ from tsd_twin.messages.errors import MessageError
 from tsd_twin.models import load_parts
 from tsd_twin.robots import load_robot, parse_description, robot_names
 
-calm = settings(deadline=None, max_examples=40)
+calm = settings(max_examples=40)
 RPM = math.pi / 30.0
 
 

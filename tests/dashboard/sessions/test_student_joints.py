@@ -27,7 +27,7 @@ from tsd_twin.dashboard.wire.to_page import encode_message
 from tsd_twin.lie import Array
 from tsd_twin.robots import load_robot, robot_names
 
-calm = settings(deadline=None, max_examples=15)
+calm = settings(max_examples=15)
 RPM = math.pi / 30.0
 UP = np.array([0.0, 0.0, 1.0])
 

@@ -87,7 +87,7 @@ snapshots = st.tuples(
 )
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(name=st.sampled_from(robots.robot_names()), steps=st.lists(snapshots, max_size=12))
 def test_each_state_is_that_of_telemetry_without_a_past(
     name: str, steps: list[tuple[float, float, float, float, float, bool]]
