@@ -10,7 +10,10 @@ import pytest
 from firmware.simulator.board import build, build_native
 from firmware.simulator.rp2040_board import build_rp2040
 
-pytest.register_assert_rewrite("tests.firmware.laws", "tests.firmware.pilot")
+pytest.register_assert_rewrite(
+    *(f"tests.firmware.{name}" for name in ("rules", "source_rules", "telemetry_rules")),
+    *(f"tests.firmware.{name}" for name in ("trip_rules", "wheel_rules")),
+)
 
 from tests.support.firmware_host import Bench  # noqa: E402
 

@@ -18,7 +18,7 @@ from tests.independent.drive import plant_of
 from tsd_twin import robots
 from tsd_twin.client.virtual import PERIOD_S as _PERIOD_S
 from tsd_twin.control.state_estimator import StateEstimator
-from tsd_twin.lie import SE2
+from tsd_twin.lie import SE2, SO3
 from tsd_twin.messages.cdr import JointState, Odometry
 from tsd_twin.messages.pose import PoseStamped, encode_pose
 from tsd_twin.messages.topics import SENSOR_POSE, Sample
@@ -62,6 +62,7 @@ class Recorded:
     joints: np.ndarray
     setpoints: np.ndarray
     poses: np.ndarray
+    """Planar poses (n, 3), or orientations (n, 4) of a sphere."""
     twists: np.ndarray
 
     def messages(self) -> Iterator[tuple[int, JointState, JointState, Odometry]]:
@@ -73,7 +74,10 @@ class Recorded:
                 stamp_ns,
                 JointState(self.names, joints, joints, stamp_ns),
                 JointState(self.names, setpoint, setpoint, stamp_ns),
-                Odometry.of(SE2(pose.copy()), twist, zero, zero, stamp_ns),
+                Odometry.of(
+                    SE2(pose.copy()) if len(pose) == 3 else SO3(pose.copy()),
+                    *(twist, zero, zero, stamp_ns),
+                ),
             )
 
 
@@ -141,7 +145,7 @@ def record(fault: Fault, count: int, seed: int, seconds: float) -> list[Recorded
                 estimator.pose_sensor.receive(heard, now_s, nanoseconds(now_s))
                 estimator.pose_sensor.step(now_s, at_rest=False)
         if i >= start and i % EVERY == 0:
-            poses_now = [each.pose.xy_heading if planar else np.zeros(3) for each in estimators]
+            poses_now = [each.pose.xy_heading if planar else each.pose.wxyz for each in estimators]
             twists = [each.end_twist for each in estimators]
             kept.append(
                 (now_s - start * PERIOD_S, measured[:, : len(names)].copy(), poses_now, twists, i)

@@ -83,9 +83,9 @@ def press(page: Page, name: str, patience_ms: float = PATIENCE_MS) -> None:
 
 
 def until_linked(page: Page) -> None:
-    """Wait until the page shows a round-trip time, which proves that it receives states."""
+    """Wait until the page shows a round trip or a loss, which proves that it receives states."""
     link = page.get_by_role("button", name=re.compile("^Link"))
-    expect(link).to_contain_text(re.compile(r"\d+\s*ms"), timeout=PATIENCE_MS)
+    expect(link).to_contain_text(re.compile(r"\d+\s*(ms|%)"), timeout=PATIENCE_MS)
 
 
 def press_linked(page: Page, name: str, then: Locator) -> None:
