@@ -27,6 +27,8 @@ _LOG = logging.getLogger(__name__)
 
 _MARGIN_S = 1.0
 """Maximum duration of the last handshake step on a loaded machine."""
+_SETTLE_S = 0.5
+"""Age at which a doubtful connection is closed."""
 _PAUSE_S = 0.05
 _PATIENCE_S = 10.0
 """Zenoh notices a closed socket at its next send, after a quarter of the session timeout."""
@@ -65,6 +67,9 @@ class HalfOpenConnectionWatchdog:
         """Close the links to a peer until Zenoh notices, since it may add links to the bad
         connection.
         """
+        # A robot that has just continued is still ending the previous session and adding this one.
+        # If this one ends meanwhile, the next one may stay deaf: connected, but without routes.
+        time.sleep(_SETTLE_S)
         _LOG.info("the connection to %s took so long that it is opened anew", peer)
         end_s = time.monotonic() + _PATIENCE_S
         while self._lost_s.get(peer) == lost_s and time.monotonic() < end_s:
