@@ -38,7 +38,7 @@ CHANGES = """() => new Promise((done) => {
     done([often.length, bare.map(([node, count]) => `${count} x ${node.outerHTML.slice(0, 90)}`)]);
   }, 2000);
 })"""
-"""Number of elements that changed often within 2 s, and those of them without a layer."""
+"""Counts elements that change often within 2 s, and lists the ones without a layer."""
 _SIZES = [(1440, 900), (390, 844), (844, 390)]
 _TRIES = 5
 

@@ -129,7 +129,7 @@ class PretendBoard:
 
     def report(self, **values: object) -> None:
         """Change values of the telemetry."""
-        self.telemetry = replace(self.telemetry, **values)  # type: ignore[arg-type]
+        self.telemetry = replace(self.telemetry, **values)  # type: ignore[arg-type]  # By name.
 
     def answer(self, data: bytes, now_s: float) -> bytes:
         """Return the response."""

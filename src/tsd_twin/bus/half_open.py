@@ -7,8 +7,8 @@ to a session whose robot pauses for about that timeout.
 
 Zenoh can neither close a single connection nor distinguish such a connection from a healthy one.
 The watchdog therefore closes the socket of every connection that took nearly as long as the
-timeout. Zenoh reconnects within a second and repeats all declarations, as after any connection
-loss. UDP connections share one socket and are left alone.
+timeout, half a second after it opened. Zenoh reconnects within a second and repeats all
+declarations, as after any connection loss. UDP connections share one socket and are left alone.
 """
 
 from __future__ import annotations
@@ -67,8 +67,8 @@ class HalfOpenConnectionWatchdog:
         """Close the links to a peer until Zenoh notices, since it may add links to the bad
         connection.
         """
-        # A robot that has just continued is still ending the previous session and adding this one.
-        # If this one ends meanwhile, the next one may stay deaf: connected, but without routes.
+        # A robot that was suspended is still removing the previous session and adding this one. If
+        # the link closes meanwhile, the next session may be connected but receive nothing.
         time.sleep(_SETTLE_S)
         _LOG.info("the connection to %s took so long that it is opened anew", peer)
         end_s = time.monotonic() + _PATIENCE_S

@@ -49,7 +49,7 @@ export class PlotView {
   end(endS: number | null): void {
     const [oldestS] = this.recorder.buffer.times;
     const isLive = endS === null || oldestS === undefined;
-    // Not up to now: a sample that is still on its way would change what is shown.
+    // A sample that arrives late must not change a paused plot.
     const { newestS } = this.recorder.buffer;
     this.recorder.endS.value = isLive ? null : Math.max(oldestS, Math.min(newestS, endS));
   }
