@@ -19,6 +19,8 @@ const ADD_AFTER_MS = 2000;
 const MANY_SKIPPED = 0.2; // Fraction of pictures that no free socket could take.
 const HEADER_BYTES = 28;
 const RETRY_MS = 1000;
+/** A canvas of the GPU process would block the page for 0.1 s while viser draws there in software. */
+const IN_MEMORY: CanvasRenderingContext2DSettings = { willReadFrequently: true };
 const DELAYS = 100;
 
 /** Tags that were found in a picture, in pixels of a picture of this size. */
@@ -186,7 +188,7 @@ export class PictureFeed {
     if (number < this.#number || !this.#sockets.has(socket) || !canvas) return bitmap.close();
     if (canvas.width !== bitmap.width || canvas.height !== bitmap.height)
       Object.assign(canvas, { width: bitmap.width, height: bitmap.height });
-    canvas.getContext("2d")?.drawImage(bitmap, 0, 0);
+    canvas.getContext("2d", IN_MEMORY)?.drawImage(bitmap, 0, 0);
     bitmap.close();
     this.#exposedMs = sentMs + clockMs - ageMs;
     this.outlines.value = parsed(data.slice(HEADER_BYTES, start));
