@@ -59,7 +59,8 @@ PARSER = program.parser(
         "tsd-camera print --out board.pdf                the board for `calibrate lens`",
         "tsd-camera calibrate lens --file ceiling.toml   hold the board before the camera",
         "tsd-camera calibrate floor --file ceiling.toml --floor-tag 100 --floor-tag 101 \\",
-        "    --floor-tag 102 --distance 1.84             then look at tags on the floor",
+        "    --floor-tag 102 --distance 100-101=1.84 \\",
+        "    --distance 101-102=0.96                     then look at tags on the floor",
         "tsd-camera --file ceiling.toml --tag 3=tsd@0.31     publish the pose of robot tsd",
         "tsd-camera --source rtsp://192.168.1.9/stream --name door   a network camera",
         "tsd-camera --source 0 --on tsd --name front     a camera on robot tsd",
@@ -186,19 +187,36 @@ def calibrate_lens(args: argparse.Namespace) -> None:
 
 def calibrate_floor(args: argparse.Namespace) -> None:
     """Find the place of a camera from tags on the floor, and write it into the camera file."""
+    origin, numbers = _origin(args.origin), args.floor_tag
+    distances_m = dict(_distance(text, numbers) for text in args.distance)
     setup = read_setup(args.file)
-    origin = _origin(args.origin)
-    numbers = args.floor_tag
     if args.simulate:
         camera, on_floor = simulated_camera(args)
         pictures = [camera.draw([]) for _ in range(guide.FLOOR_PICTURES)]
-        numbers, origin, distance_m = guide.measured(on_floor, args.seed)
+        numbers, origin, distances_m = guide.measured(on_floor, args.seed)
     else:
         source = open_source(args.source)
         pictures = guide.take_pictures(source, guide.FLOOR_PICTURES)
-        distance_m = args.distance
     tags = {number: Tag(number, args.tag_size) for number in numbers}
-    guide.calibrate_floor(setup, pictures, tags, origin, distance_m, args.file)
+    guide.calibrate_floor(setup, pictures, tags, origin, distances_m, args.file)
+
+
+def _distance(text: str, numbers: Sequence[int]) -> tuple[tuple[int, int], float]:
+    """Parse NUMBER-NUMBER=M, or M for the two lowest of `numbers`.
+
+    Raises:
+        TwinError: If it is something else, or names a tag that does not lie on the floor.
+    """
+    try:
+        between, _, metres = text.rpartition("=")
+        pair = map(int, between.split("-")) if between else sorted(numbers)[:2]
+        first, second = sorted(pair)
+        distance_m = flags.POSITIVE(metres)
+    except (ValueError, argparse.ArgumentTypeError) as error:
+        raise TwinError(f"--distance: '{text}' is not like 100-101=1.84: tags, m") from error
+    if first == second or not {first, second} <= set(numbers):
+        raise TwinError(f"--distance: '{text}' needs two tags given by --floor-tag")
+    return (first, second), distance_m
 
 
 def _origin(text: str) -> SE2:
@@ -286,9 +304,11 @@ def _add_commands(parser: argparse.ArgumentParser) -> None:
     )
     floor.add_argument(
         "--distance",
-        type=flags.POSITIVE,
-        metavar="M",
-        help="between the centres of the tags with the two lowest numbers, measured",
+        action="append",
+        default=[],
+        metavar="TAG-TAG=M",
+        help="between the centres of two tags, measured; may be repeated, each one makes the "
+        "scale more accurate; M alone is between the two lowest numbers",
     )
     floor.add_argument(
         "--origin",

@@ -47,6 +47,17 @@ FLAGS: dict[str, str] = {
         --plant none
         --keep-gb 0
     """,
+    "tsd_camera": """
+        --height 0
+        --across 180
+        --exposure-ms nan
+        --tag-size -0.16
+        calibrate
+        calibrate lens
+        calibrate floor --file camera.toml --floor-tag -1
+        print --tag 3
+        print --out tag.pdf --paper a9
+    """,
     "tsd_certs": """
         --days 30
         keys --days 0
@@ -280,6 +291,26 @@ OTHERS: dict[str, str] = {
         rerun folder
         rerun text
         rerun empty
+    """,
+    "tsd_camera": """
+        --tag 3=tsd
+        --tag 3=tsd --file nowhere.toml
+        --tag 3=tsd --file text
+        --simulate --tag tsd
+        --simulate --tag 3=tsd@high
+        --on a/b
+        --source nowhere.mp4
+        --zenoh-config nowhere.json5
+        calibrate lens --file new.toml --source nowhere.mp4
+        calibrate floor --file nowhere.toml
+        calibrate floor --file text
+        calibrate floor --file new.toml --origin here
+        calibrate floor --file new.toml --floor-tag 100 --floor-tag 101 --distance 0
+        calibrate floor --file new.toml --floor-tag 100 --distance 1.84
+        calibrate floor --file new.toml --floor-tag 100 --floor-tag 101 --distance 100-100=1
+        calibrate floor --file new.toml --floor-tag 100 --floor-tag 101 --distance 100-102=1
+        calibrate floor --file new.toml --floor-tag 100 --floor-tag 101 --distance 100-101
+        print --tag 3 --out folder
     """,
     "tsd_record": """
         --dir text

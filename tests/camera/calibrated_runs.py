@@ -73,10 +73,10 @@ def calibrated(
     file = folder / f"{seed}.toml"
     with contextlib.redirect_stdout(io.StringIO()):
         guide.calibrate_lens_simulated(camera, Board(), str(file), seed)
-        numbers, origin, distance_m = guide.measured(on_floor, seed)
+        numbers, origin, distances_m = guide.measured(on_floor, seed)
         tags = {number: Tag(number, ROBOT.size_m) for number in numbers}
         pictures = [camera.draw([]) for _ in range(_FLOOR_PICTURES)]
-        guide.calibrate_floor(read_setup(file), pictures, tags, origin, distance_m, str(file))
+        guide.calibrate_floor(read_setup(file), pictures, tags, origin, distances_m, str(file))
     setup = replace(read_setup(file), tags=(ROBOT,), exposure_s=EXPOSURE_S)
     return camera, setup, random
 

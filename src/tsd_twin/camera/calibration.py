@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
@@ -45,6 +45,8 @@ DISTANCE_SIGMA_M = 0.001
 _LEAST_TAGS = 3
 _LEAST_CORNERS = 8
 _OUTLIER_MEDIANS, _LEAST_OUTLIER_PX = 5.0, 0.3
+Distances: TypeAlias = Mapping[tuple[int, int], float]
+"""Distances between the centres of two tags each, measured with a tape, m."""
 _least_squares: Any = optimize.least_squares  # pyright: ignore  scipy is untyped.
 _NO_LENS = "the views do not determine a lens: hold the board at a slant, near and far"
 
@@ -135,14 +137,14 @@ def fit_floor(
     sightings: Mapping[int, Array],
     tags: Mapping[int, Tag],
     origin: SE2,
-    distance_m: float | None = None,
+    distances_m: Distances,
 ) -> FloorFit:
     """Fit the place of a camera, and the lens within its covariance, to tags on a level floor.
 
     Nobody has to measure where tags lie. The tag with the lowest number is at `origin` in the floor
     frame, and the next one is ahead of it along the X axis of `origin`, because the direction
-    between two tags is ten times as accurate as the heading of a tag. The distance between their
-    centres, measured with a tape, gives the scale. Without it the size of the tags does, but blur
+    between two tags is ten times as accurate as the heading of a tag. Distances between centres of
+    tags, measured with a tape, give the scale. Without them the size of the tags does, but blur
     moves all corners of a tag outward or inward by a tenth of a pixel, which is 10 mm of height
     (docs/camera.md).
 
@@ -151,23 +153,24 @@ def fit_floor(
         sightings: Mean corners (4, 2) of each tag, by number.
         tags: Size of each tag, by number.
         origin: Pose of the first tag in the floor frame.
-        distance_m: Between the centres of the first two tags, if measured.
+        distances_m: Measured distances; may be empty.
 
     Raises:
-        TwinError: If fewer than three tags are seen, or one of the first two is not, or they do
-            not determine the place.
+        TwinError: If fewer than three tags are seen, or one of the first two or of those with a
+            distance is not, or they do not determine the place.
     """
     numbers = sorted(set(sightings) & set(tags))
     if len(numbers) < _LEAST_TAGS:
         raise TwinError(f"{len(numbers)} tags on the floor are too few: {_LEAST_TAGS} or more")
     # Others in their place would get their origin and distance.
-    unseen = [str(number) for number in sorted(tags)[:2] if number not in sightings]
+    needed = {*sorted(tags)[:2], *(number for pair in distances_m for number in pair)}
+    unseen = [str(number) for number in sorted(needed - set(numbers))]
     if unseen:
         raise TwinError(
-            f"tag {' and '.join(unseen)} is not seen: the two lowest numbers define origin and "
-            "distance, so all of both must be in view"
+            f"tag {' and '.join(unseen)} is not seen: the two lowest numbers define the origin, "
+            "and tags with a measured distance the scale, so all of each must be in view"
         )
-    problem = _FloorProblem(lens, numbers, sightings, tags, origin, distance_m)
+    problem = _FloorProblem(lens, numbers, sightings, tags, origin, distances_m)
     solution: Any = _least_squares(
         problem.residuals, problem.start(), jac=problem.jacobian, method="lm"
     )
@@ -175,9 +178,9 @@ def fit_floor(
     jacobian = np.asarray(solution.jac, float)
     inverse = np.linalg.inv(jacobian.T @ jacobian)
     view = problem.view(found)
-    errors = CORNER_SIGMA_PX * problem.residuals(found)[_PRIORS:].reshape(-1, 2)
+    errors = CORNER_SIGMA_PX * problem.residuals(found)[problem.priors :].reshape(-1, 2)
     seen = np.concatenate([sightings[number] for number in numbers])
-    freedom = max(1, errors.size - (len(found) - _PRIORS))
+    freedom = max(1, errors.size - (len(found) - problem.priors))
     rms_px = float(np.sqrt(np.square(errors).sum() / freedom))
     if not view.place.position_m[2] > 0.0:
         raise TwinError("the tags are seen from below: the floor must be level, tags face upward")
@@ -191,9 +194,8 @@ def fit_floor(
     )
 
 
-_OUTWARD, _SECOND = PARAMETERS, PARAMETERS + 2
-"""Indices of the displacement of corners, and of the distance of the second tag."""
-_PRIORS = LENS_PARAMETERS + 2
+_OUTWARD = PARAMETERS
+"""Index of the displacement of corners."""
 
 
 class _FloorProblem:
@@ -209,9 +211,13 @@ class _FloorProblem:
         sightings: Mapping[int, Array],
         tags: Mapping[int, Tag],
         origin: SE2,
-        distance_m: float | None,
+        distances_m: Distances,
     ) -> None:
-        self._lens, self._origin, self._distance_m = lens, origin, distance_m
+        self._lens, self._origin = lens, origin
+        pairs = [[numbers.index(number) for number in pair] for pair in distances_m]
+        self._pairs = np.array(pairs, int).reshape(-1, 2)
+        self._distances_m = np.array(list(distances_m.values()), float)
+        self.priors = LENS_PARAMETERS + 1 + len(pairs)
         self._seen = np.concatenate([sightings[number] for number in numbers])
         outward = self._quads() - self._quads().mean(axis=1, keepdims=True)
         outward /= np.linalg.norm(outward, axis=2, keepdims=True)
@@ -258,15 +264,13 @@ class _FloorProblem:
         return np.concatenate([View(self._lens.lens, moved).parameters, [0.0], places])
 
     def residuals(self, x: Array) -> Array:
-        """Return errors in standard deviations: lens (8,), displacement, distance, all corners."""
+        """Return errors in standard deviations: lens (8,), displacement, distances, corners."""
         lens = self._whiten @ (x[:LENS_PARAMETERS] - self._lens.lens.parameters)
-        outward_px, second_m = x[_OUTWARD], x[_SECOND]
-        distance = 0.0
-        if self._distance_m is not None:
-            distance = (second_m - self._distance_m) / DISTANCE_SIGMA_M
+        outward_px = x[_OUTWARD]
+        distances = (self._distances(x) - self._distances_m) / DISTANCE_SIGMA_M
         shown = self.view(x).project(self._corners(x)) + outward_px * self._outward
         corners = (self._seen - shown).ravel() / CORNER_SIGMA_PX
-        return np.concatenate([lens, [outward_px / OUTWARD_SIGMA_PX, distance], corners])
+        return np.concatenate([lens, [outward_px / OUTWARD_SIGMA_PX], distances, corners])
 
     def jacobian(self, x: Array) -> Array:
         """Return the derivatives of `residuals`."""
@@ -274,17 +278,18 @@ class _FloorProblem:
         _, by_point, by_view = self.view(x).derivatives(corners)
         places = len(x) - PARAMETERS - 1
         moved = np.zeros((len(corners), 3, places))
+        stretched = np.zeros((len(self._pairs), places))
         for i in range(places):
             step = np.zeros_like(x)
             step[_OUTWARD + 1 + i] = 1e-6
             moved[:, :, i] = (self._corners(x + step) - self._corners(x - step)) / 2e-6
+            stretched[:, i] = (self._distances(x + step) - self._distances(x - step)) / 2e-6
         outward = self._outward[:, :, None]
         rows = np.concatenate([by_view, outward, by_point @ moved], axis=2).reshape(-1, len(x))
-        priors = np.zeros((_PRIORS, len(x)))
+        priors = np.zeros((self.priors, len(x)))
         priors[:LENS_PARAMETERS, :LENS_PARAMETERS] = self._whiten
         priors[LENS_PARAMETERS, _OUTWARD] = 1.0 / OUTWARD_SIGMA_PX
-        if self._distance_m is not None:
-            priors[LENS_PARAMETERS + 1, _SECOND] = 1.0 / DISTANCE_SIGMA_M
+        priors[LENS_PARAMETERS + 1 :, _OUTWARD + 1 :] = stretched / DISTANCE_SIGMA_M
         return np.concatenate([priors, -rows / CORNER_SIGMA_PX])
 
     def view(self, x: Array) -> View:
@@ -305,6 +310,10 @@ class _FloorProblem:
         local = [np.array([0.0, 0.0, places[0]]), np.array([places[1], 0.0, places[2]])]
         local += list(places[3:].reshape(-1, 3))
         return [self._origin @ SE2(place) for place in local]
+
+    def _distances(self, x: Array) -> Array:
+        centres = np.array([pose.xy_heading[:2] for pose in self._poses(x)])
+        return np.hypot(*(centres[self._pairs[:, 0]] - centres[self._pairs[:, 1]]).T)
 
     def _corners(self, x: Array) -> Array:
         level = np.concatenate(

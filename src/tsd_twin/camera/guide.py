@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -14,6 +15,7 @@ import numpy as np
 from tsd_twin.camera.board import Board
 from tsd_twin.camera.calibration import (
     DISTANCE_SIGMA_M,
+    Distances,
     FloorFit,
     LensFit,
     fit_floor,
@@ -32,6 +34,7 @@ from tsd_twin.lie import SE2, Array
 
 VIEWS = 20
 FLOOR_PICTURES = 20
+_MEASURED_TAGS = 4
 _PATIENCE_S = 120.0
 _NEW_VIEW_PX = 60.0
 """Least motion of the board between two views, relative to none."""
@@ -74,7 +77,7 @@ def calibrate_floor(
     pictures: Iterable[Gray],
     tags: Mapping[int, Tag],
     origin: SE2,
-    distance_m: float | None,
+    distances_m: Distances,
     file: str,
 ) -> FloorFit:
     """Find the place of a camera from pictures of tags on the floor, write it, and judge it.
@@ -95,7 +98,7 @@ def calibrate_floor(
         0.0,
         np.zeros((0, 4)),
     )
-    found = fit_floor(lens, means, tags, origin, distance_m)
+    found = fit_floor(lens, means, tags, origin, distances_m)
     on_robots = tuple(tag for tag in setup.tags if tag.robot is not None)
     made = replace(
         setup,
@@ -114,13 +117,24 @@ def calibrate_floor(
     return found
 
 
-def measured(tags: Sequence[Tag], seed: int) -> tuple[list[int], SE2, float]:
-    """Return the numbers of tags, the origin, and the distance as measured with a tape."""
-    first, second = sorted(tags, key=lambda tag: tag.number)[:2]
-    way = np.array([second.x_m - first.x_m, second.y_m - first.y_m])
-    error = DISTANCE_SIGMA_M * np.random.default_rng(seed + 1).standard_normal()
-    origin = SE2(np.array([first.x_m, first.y_m, math.atan2(way[1], way[0])]))
-    return [tag.number for tag in tags], origin, float(np.hypot(*way) + error)
+def measured(tags: Sequence[Tag], seed: int) -> tuple[list[int], SE2, Distances]:
+    """Return the numbers of tags, the origin, and distances as measured with a tape.
+
+    The distances are those between any two of the first four tags.
+    """
+    first, second, *_ = known = sorted(tags, key=lambda tag: tag.number)
+    random = np.random.default_rng(seed + 1)
+    distances_m = {
+        (a.number, b.number): _apart_m(a, b) + DISTANCE_SIGMA_M * random.standard_normal()
+        for a, b in itertools.combinations(known[:_MEASURED_TAGS], 2)
+    }
+    way = math.atan2(second.y_m - first.y_m, second.x_m - first.x_m)
+    origin = SE2(np.array([first.x_m, first.y_m, way]))
+    return [tag.number for tag in tags], origin, distances_m
+
+
+def _apart_m(a: Tag, b: Tag) -> float:
+    return math.hypot(b.x_m - a.x_m, b.y_m - a.y_m)
 
 
 def verdict(setup: CameraSetup) -> list[str]:
