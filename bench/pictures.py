@@ -9,17 +9,20 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import itertools
+import math
+import re
 import socket
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack
+from collections.abc import Generator, Iterator
+from contextlib import ExitStack, contextmanager
 from http import HTTPStatus
+from typing import TypeAlias
 
 import cv2
 import numpy as np
-from playwright.sync_api import Page
+from playwright.sync_api import Error, Locator, Page
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
@@ -33,7 +36,13 @@ from tsd_twin.camera.lens import Lens
 from tsd_twin.camera.publisher import CameraPublisher, encode_jpeg
 from tsd_twin.camera.setup_file import CameraSetup
 from tsd_twin.camera.sources import CameraFrame
+from tsd_twin.messages import topics
+from tsd_twin.messages.commands import decode_command
 from tsd_twin.messages.pictures import CameraName
+from tsd_twin.messages.topics import Sample
+
+Arrivals: TypeAlias = list[tuple[float, float]]
+"""Wall-clock times in ms and numbers of commands; a release is newer than all before it."""
 
 SIZE = 1280, 720
 RATE_HZ = 30.0
@@ -50,12 +59,16 @@ _SETTLED_S = 20.0
 _THIN_ROUNDS = 3
 """Minutes with pictures over the thin link, and minutes with and without for commands."""
 _CONNECT_S = 10.0
+_STEP_RADPS = 1e-5
+"""Turn rate per number of a command."""
+_HELD_S, _PAUSE_S = 2.0, 0.5
+"""Time for which a key is held, and between holds."""
 _PATIENCE_MS = 60_000.0
 
 WATCH = f"""
 window.ages = [];
 window.samples = [];
-window.trips = [];
+window.commands = [];
 window.stampMs = 0;
 window.reads = true;
 const wall = () => performance.timeOrigin + performance.now();
@@ -82,22 +95,18 @@ window.WebSocket = class extends Plain {{
   constructor(...words) {{
     super(...words);
     if (!String(words[0]).includes("teleop")) return;
-    const sent = new Map();
     const send = this.send.bind(this);
     this.send = (text) => {{
       const message = JSON.parse(text);
-      if (message.t === "heartbeat") sent.set(message.sent_ms ?? text, performance.now());
-      send(text);
+      if (message.t !== "drive") return send(text);
+      window.commands.push([message.number, wall()]);
+      const omega = {_STEP_RADPS} * message.number;
+      send(JSON.stringify({{ ...message, vx: 0, vy: 0, omega }}));
     }};
-    this.addEventListener("message", ({{ data }}) => {{
-      const message = JSON.parse(data);
-      const atMs = message.t === "heartbeat" && sent.get(message.sent_ms ?? data);
-      if (atMs) window.trips.push(performance.now() - atMs);
-    }});
   }}
 }};
 """
-"""Records the age of each picture in the frame after it, and the round trips of heartbeats."""
+"""Records the age of each picture in the frame after it; numbers commands by their turn rate."""
 BARE = """() => {
   const canvas = document.body.appendChild(document.createElement("canvas"));
   const socket = new WebSocket(location.href.replace("http", "ws"));
@@ -136,17 +145,16 @@ def rows(run: Run) -> Iterator[Row]:
             rounds=3,
         )
         seconds = run.pick(20.0, 1.5)
-        yield from run.alternate(
-            ["pictures.command"],
-            lambda: [_trip_ms(run, page, url, seconds, pictures=True, reads=False)],
-            lambda: [_trip_ms(run, page, url, seconds, pictures=False) + _MORE_MS],
-            rounds=3,
-        )
+        arrived = stack.enter_context(_arrivals(endpoint))
+        if run.wants("pictures.command"):
+            yield from _commands(run, page, url, arrived, "pictures.command", _MORE_MS, seconds)
         if run.wants("pictures.thin_rate", "pictures.thin_old", "pictures.thin_command"):
-            yield from _thin(run, stack, page, endpoint)
+            yield from _thin(run, stack, page, endpoint, arrived)
 
 
-def _thin(run: Run, stack: ExitStack, page: Page, endpoint: str) -> Iterator[Row]:
+def _thin(
+    run: Run, stack: ExitStack, page: Page, endpoint: str, arrived: Arrivals
+) -> Iterator[Row]:
     """Measure over a link between browser and dashboard, which the scene shares."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         near = f"127.0.0.1:{free.getsockname()[1]}"
@@ -168,9 +176,6 @@ def _thin(run: Run, stack: ExitStack, page: Page, endpoint: str) -> Iterator[Row
         old = sum(each > OLD_MS for each in samples) / len(samples)
         return page.evaluate("ages.length") / seconds, 100.0 * old
 
-    def trip_ms(*, pictures: bool) -> float:
-        return _trip_ms(run, page, far, seconds, pictures=pictures, is_main=pictures, reads=False)
-
     def note() -> str:
         return f"{found['px']:.0f} px wide, {THIN}" if found else THIN
 
@@ -183,31 +188,87 @@ def _thin(run: Run, stack: ExitStack, page: Page, endpoint: str) -> Iterator[Row
         rounds=_THIN_ROUNDS,
         note=note,
     )
-    yield from run.alternate(
-        ["pictures.thin_command"],
-        lambda: [trip_ms(pictures=True)],
-        lambda: [trip_ms(pictures=False) + _MORE_THIN_MS],
-        rounds=_THIN_ROUNDS,
-        note=note,
-    )
+    name = "pictures.thin_command"
+    if run.wants(name):
+        yield from _commands(run, page, far, arrived, name, _MORE_THIN_MS, seconds)
 
 
-def _trip_ms(
+def _commands(
     run: Run,
     page: Page,
     url: str,
+    arrived: Arrivals,
+    name: str,
+    more_ms: float,
     seconds: float,
-    *,
-    pictures: bool,
-    is_main: bool = False,
-    reads: bool = True,
-) -> float:
-    """Return the 99th percentile of the heartbeats' round trips on the socket of commands."""
-    page.goto(url)
-    page.evaluate(f"localStorage.setItem('tsd-pictures', '{str(pictures).lower()}')")
-    settled_s = run.pick(_SETTLED_S, 3.0)
-    shown(page, url, settled_s, seconds, pictures=pictures, is_main=is_main, reads=reads)
-    return percentile(page.evaluate("trips"), 0.99)
+) -> Iterator[Row]:
+    """Drive by a page that stays in control, in turn with and without the pane of the pictures."""
+    shown(page, url, 0.0, 0.0)
+    page.evaluate("reads = false")  # Reading stamps blocks the page's thread.
+    settled_s = run.pick(_SETTLED_S, 1.0)
+
+    def command_ms(*, pictures: bool) -> float:
+        pane = page.get_by_role("region", name="Camera", exact=True)
+        if pictures != pane.is_visible():
+            within = pane if pane.is_visible() else page
+            label = "Camera" if pictures else "Close the picture"
+            within.get_by_role("button", name=label, exact=True).click(timeout=_PATIENCE_MS)
+        _drive(page, settled_s)
+        arrived.clear()
+        page.evaluate("commands.length = 0")
+        _drive(page, seconds)
+        page.wait_for_timeout(1e3 * _HELD_S)  # Commands may still be on their way.
+        times_ms, numbers = np.array(arrived).T
+        sent: list[tuple[int, float]] = page.evaluate("commands")
+        delays = [
+            float(times_ms[later][0] - sent_ms)
+            for number, sent_ms in sent
+            if (later := (times_ms >= sent_ms) & (numbers >= number)).any()
+        ]
+        return percentile(delays, 0.99)
+
+    yield from run.alternate(
+        [name],
+        lambda: [command_ms(pictures=True)],
+        lambda: [command_ms(pictures=False) + more_ms],
+        rounds=_THIN_ROUNDS,
+    )
+    page.goto("about:blank")
+
+
+def _drive(page: Page, seconds: float) -> None:
+    """Turn in place for `seconds`, with pauses; arm the robot again if the link was lost."""
+    ready = page.get_by_role("status", name="Mode").get_by_text("Ready")
+    steps = page.get_by_role("button", name=re.compile("^(Take control|Arm)$"))
+    for _ in range(max(1, round(seconds / (_HELD_S + _PAUSE_S)))):
+        until(lambda: _step(ready, steps), _PATIENCE_MS / 1000)
+        page.keyboard.down("q")
+        page.wait_for_timeout(1e3 * _HELD_S)
+        page.keyboard.up("q")
+        page.wait_for_timeout(1e3 * _PAUSE_S)
+
+
+def _step(ready: Locator, steps: Locator) -> bool:
+    """Return whether the robot is ready and controlled here; click the next step if not."""
+    for step in steps.all():
+        with contextlib.suppress(Error):  # It has changed meanwhile.
+            step.click(timeout=1000.0)
+    return ready.is_visible() and not steps.all()
+
+
+@contextmanager
+def _arrivals(endpoint: str) -> Generator[Arrivals]:
+    """Record the wall-clock time in ms and the number of each command on the bus."""
+    arrived: Arrivals = []
+
+    def note(sample: Sample) -> None:
+        turn_rate = decode_command(sample).twist[-1]
+        number = round(turn_rate / _STEP_RADPS) if turn_rate else math.inf
+        arrived.append((1e3 * time.time(), number))
+
+    with Bus(as_client(client_config([endpoint]), _CONNECT_S)) as bus:
+        bus.subscribe(topics.TWIST.key("*"), note)
+        yield arrived
 
 
 def shown(
@@ -216,24 +277,18 @@ def shown(
     settled_s: float,
     seconds: float,
     *,
-    pictures: bool = True,
     is_bare: bool = False,
     is_main: bool = False,
-    reads: bool = True,
 ) -> None:
-    """Open the page, or the bare one, and record the displayed pictures for `seconds`.
-
-    Without `reads`, their stamps are not read, because that blocks the page's thread.
-    """
+    """Open the page, or the bare one, and record the displayed pictures for `seconds`."""
     page.goto(url)
     if is_bare:
         page.evaluate(BARE)
     if is_main:
         page.get_by_role("button", name="Camera as main view").click(timeout=_PATIENCE_MS)
-    if pictures:
-        until(lambda: page.evaluate("window.stampMs > 0"), 60.0)
+    until(lambda: page.evaluate("window.stampMs > 0"), 60.0)
     page.wait_for_timeout(1e3 * settled_s)
-    page.evaluate(f"ages.length = samples.length = trips.length = 0; reads = {str(reads).lower()}")
+    page.evaluate("ages.length = samples.length = 0")
     page.wait_for_timeout(1e3 * seconds)
 
 

@@ -123,7 +123,7 @@ def one_robot() -> Generator[Site]:
 
 
 @contextlib.contextmanager
-def fleet() -> Generator[Site]:
+def routed_site() -> Generator[Site]:
     """Run a router with robots and a dashboard."""
     with routed_fleet(*(f"guest{number + 1}" for number in range(GUESTS))) as routed:
         guests = partial(robots_of, routed.folder, "guest", GUESTS)
@@ -139,7 +139,21 @@ def main() -> None:
     seconds: float = args.seconds
     if not seconds >= SHORTEST_S:
         parser.error(f"{seconds:g} s are too few, {SHORTEST_S:g} are the least")
-    with fleet() if args.fleet else one_robot() as site:
+    try:
+        missed = check(seconds, fleet=args.fleet)
+    except RuntimeError as error:
+        sys.exit(f"driven robots stopped: {error}")
+    print(f"{missed} missed" if missed else "all met")
+    sys.exit(missed > 0)
+
+
+def check(seconds: float, *, fleet: bool) -> int:
+    """Run the soak, print its rows, and return how many are missed.
+
+    Raises:
+        RuntimeError: If robots that are driven all the time are stopped at the end.
+    """
+    with routed_site() if fleet else one_robot() as site:
         pids = ", ".join(f"{name} is {process.pid}" for name, process in site.processes.items())
         print(f"soaking for {seconds:g} s: {pids}", flush=True)
         try:
@@ -147,12 +161,11 @@ def main() -> None:
         except CutShortError as error:
             sys.exit(f"cut short: {error}")
         missed = 0
-        connect_s = CONNECT_FLEET_S if args.fleet else CONNECT_S
+        connect_s = CONNECT_FLEET_S if fleet else CONNECT_S
         for row in verdict(record, min(_LONGEST_WARM_UP_S / seconds, 1 / 3), connect_s):
             print(row, flush=True)
             missed += not row.met
-    print(f"{missed} missed" if missed else "all met")
-    sys.exit(missed > 0)
+    return missed
 
 
 async def soak(site: Site, seconds: float) -> Record:
