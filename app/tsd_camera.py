@@ -209,14 +209,13 @@ def _distance(text: str, numbers: Sequence[int]) -> tuple[tuple[int, int], float
     """
     try:
         between, _, metres = text.rpartition("=")
-        pair = map(int, between.split("-")) if between else sorted(numbers)[:2]
-        first, second = sorted(pair)
+        pair = sorted(map(int, between.split("-"))) if between else sorted(set(numbers))[:2]
         distance_m = flags.POSITIVE(metres)
     except (ValueError, argparse.ArgumentTypeError) as error:
         raise TwinError(f"--distance: '{text}' is not like 100-101=1.84: tags, m") from error
-    if first == second or not {first, second} <= set(numbers):
+    if len(set(pair)) != 2 or not set(pair) <= set(numbers):
         raise TwinError(f"--distance: '{text}' needs two tags given by --floor-tag")
-    return (first, second), distance_m
+    return (pair[0], pair[-1]), distance_m
 
 
 def _origin(text: str) -> SE2:

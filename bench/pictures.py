@@ -190,7 +190,7 @@ def _thin(
     )
     name = "pictures.thin_command"
     if run.wants(name):
-        yield from _commands(run, page, far, arrived, name, _MORE_THIN_MS, seconds)
+        yield from _commands(run, page, far, arrived, name, _MORE_THIN_MS, seconds, is_main=True)
 
 
 def _commands(
@@ -201,8 +201,11 @@ def _commands(
     name: str,
     more_ms: float,
     seconds: float,
+    *,
+    is_main: bool = False,
 ) -> Iterator[Row]:
-    """Drive by a page that stays in control, in turn with and without the pane of the pictures."""
+    """Drive by a page that stays in control, in turn with and without pictures."""
+    sent_hz: dict[bool, list[float]] = {True: [], False: []}
     shown(page, url, 0.0, 0.0)
     page.evaluate("reads = false")  # Reading stamps blocks the page's thread.
     settled_s = run.pick(_SETTLED_S, 1.0)
@@ -213,13 +216,16 @@ def _commands(
             within = pane if pane.is_visible() else page
             label = "Camera" if pictures else "Close the picture"
             within.get_by_role("button", name=label, exact=True).click(timeout=_PATIENCE_MS)
+        if pictures and is_main:
+            page.get_by_role("button", name="Camera as main view").click(timeout=_PATIENCE_MS)
         _drive(page, settled_s)
         arrived.clear()
         page.evaluate("commands.length = 0")
         _drive(page, seconds)
-        page.wait_for_timeout(1e3 * _HELD_S)  # Commands may still be on their way.
+        page.wait_for_timeout(1e3 * _HELD_S)  # Commands may still be in transit.
         times_ms, numbers = np.array(arrived).T
         sent: list[tuple[int, float]] = page.evaluate("commands")
+        sent_hz[pictures].append(len(sent) / (_HELD_S * _holds(seconds)))
         delays = [
             float(times_ms[later][0] - sent_ms)
             for number, sent_ms in sent
@@ -232,6 +238,9 @@ def _commands(
         lambda: [command_ms(pictures=True)],
         lambda: [command_ms(pictures=False) + more_ms],
         rounds=_THIN_ROUNDS,
+        note=lambda: (
+            f"{min(sent_hz[True]):.0f} commands a second sent, without {min(sent_hz[False]):.0f}"
+        ),
     )
     page.goto("about:blank")
 
@@ -240,7 +249,7 @@ def _drive(page: Page, seconds: float) -> None:
     """Turn in place for `seconds`, with pauses; arm the robot again if the link was lost."""
     ready = page.get_by_role("status", name="Mode").get_by_text("Ready")
     steps = page.get_by_role("button", name=re.compile("^(Take control|Arm)$"))
-    for _ in range(max(1, round(seconds / (_HELD_S + _PAUSE_S)))):
+    for _ in range(_holds(seconds)):
         until(lambda: _step(ready, steps), _PATIENCE_MS / 1000)
         page.keyboard.down("q")
         page.wait_for_timeout(1e3 * _HELD_S)
@@ -248,10 +257,14 @@ def _drive(page: Page, seconds: float) -> None:
         page.wait_for_timeout(1e3 * _PAUSE_S)
 
 
+def _holds(seconds: float) -> int:
+    return max(1, round(seconds / (_HELD_S + _PAUSE_S)))
+
+
 def _step(ready: Locator, steps: Locator) -> bool:
     """Return whether the robot is ready and controlled here; click the next step if not."""
     for step in steps.all():
-        with contextlib.suppress(Error):  # It has changed meanwhile.
+        with contextlib.suppress(Error):  # It may have changed.
             step.click(timeout=1000.0)
     return ready.is_visible() and not steps.all()
 

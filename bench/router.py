@@ -64,6 +64,10 @@ class RoutedFleet:
                     raise
 
 
+class DrivenRobotsStoppedError(Exception):
+    """Raised if robots that were driven have stopped; contains their reasons."""
+
+
 OTHERS = [f"idle{number + 1}" for number in range(_ROBOTS - 1)]
 DRIVEN = ["lab1", *OTHERS[: _DRIVEN - 1]]
 
@@ -184,7 +188,7 @@ def _driven(fleet: RoutedFleet, ids: Iterable[str]) -> Generator[None]:
             yield
             if latched := [robot for robot in robots if robot.state.mode in LATCHED]:
                 said = (f"{robot.id} stopped: {robot.state.stop_reason}" for robot in latched)
-                raise RuntimeError("; ".join(said))
+                raise DrivenRobotsStoppedError("; ".join(said))
         finally:
             ended.set()
             thread.join()

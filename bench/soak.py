@@ -24,7 +24,7 @@ import psutil
 from bench.programs import dashboard as dashboard_program
 from bench.programs import mock as mock_program
 from bench.programs import program
-from bench.router import robots_of, routed_fleet
+from bench.router import DrivenRobotsStoppedError, robots_of, routed_fleet
 from bench.visits import drivers, guests, visit, visitors
 
 HALF_AN_HOUR_S = 1800.0
@@ -141,7 +141,7 @@ def main() -> None:
         parser.error(f"{seconds:g} s are too few, {SHORTEST_S:g} are the least")
     try:
         missed = check(seconds, fleet=args.fleet)
-    except RuntimeError as error:
+    except DrivenRobotsStoppedError as error:
         sys.exit(f"driven robots stopped: {error}")
     print(f"{missed} missed" if missed else "all met")
     sys.exit(missed > 0)
@@ -151,7 +151,7 @@ def check(seconds: float, *, fleet: bool) -> int:
     """Run the soak, print its rows, and return how many are missed.
 
     Raises:
-        RuntimeError: If robots that are driven all the time are stopped at the end.
+        DrivenRobotsStoppedError: If robots that are driven all the time are stopped at the end.
     """
     with routed_site() if fleet else one_robot() as site:
         pids = ", ".join(f"{name} is {process.pid}" for name, process in site.processes.items())

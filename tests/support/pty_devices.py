@@ -17,6 +17,7 @@ import tty
 from collections.abc import Callable, Generator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -127,9 +128,9 @@ class PretendBoard:
         self.commands: list[BoardCommand] = []
         self.setups: list[Setup] = []
 
-    def report(self, **values: object) -> None:
+    def report(self, **values: Any) -> None:
         """Change values of the telemetry."""
-        self.telemetry = replace(self.telemetry, **values)  # type: ignore[arg-type]  # By name.
+        self.telemetry = replace(self.telemetry, **values)
 
     def answer(self, data: bytes, now_s: float) -> bytes:
         """Return the response."""

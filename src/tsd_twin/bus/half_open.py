@@ -6,8 +6,8 @@ nothing, and the robot refuses it a second connection (MAX_LINKS) as long as bot
 to a session whose robot pauses for about that timeout.
 
 Zenoh can neither close a single connection nor distinguish such a connection from a healthy one.
-The watchdog therefore closes the socket of every connection that took nearly as long as the
-timeout, half a second after it opened. Zenoh reconnects within a second and repeats all
+The watchdog therefore closes the socket of every connection whose handshake lasted nearly as long
+as the timeout, half a second after it opened. Zenoh reconnects within a second and repeats all
 declarations, as after any connection loss. UDP connections share one socket and are left alone.
 """
 
@@ -68,7 +68,7 @@ class HalfOpenConnectionWatchdog:
         connection.
         """
         # A robot that was suspended is still removing the previous session and adding this one. If
-        # the link closes meanwhile, the next session may be connected but receive nothing.
+        # the link closes too early, the next session may be connected but receive nothing.
         time.sleep(_SETTLE_S)
         _LOG.info("the connection to %s took so long that it is opened anew", peer)
         end_s = time.monotonic() + _PATIENCE_S

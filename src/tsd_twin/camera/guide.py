@@ -122,7 +122,8 @@ def measured(tags: Sequence[Tag], seed: int) -> tuple[list[int], SE2, Distances]
 
     The distances are those between any two of the first four tags.
     """
-    first, second, *_ = known = sorted(tags, key=lambda tag: tag.number)
+    known = sorted(tags, key=lambda tag: tag.number)
+    first, second = known[:2]
     random = np.random.default_rng(seed + 1)
     distances_m = {
         (a.number, b.number): _apart_m(a, b) + DISTANCE_SIGMA_M * random.standard_normal()

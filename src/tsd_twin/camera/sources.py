@@ -72,7 +72,7 @@ def open_source(where: str, delay_s: float = 0.0, size: tuple[int, int] | None =
     Raises:
         TwinError: If it cannot be opened, or PyAV is not installed.
     """
-    # Its messages would stand beside the sentence of an error here.
+    # Errors are reported as one sentence; OpenCV would print its own lines as well.
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     if where.startswith(_STREAMS):
         return LiveSource(StreamReader(where), delay_s)
