@@ -1,7 +1,11 @@
 """Age of a camera's picture on the screen, by a time stamp in its pixels, and its cost to commands.
 
 `python -m bench.pictures camera ENDPOINT` publishes stamped pictures as `tsd-camera` does;
-`python -m bench.pictures bare` sends the same pictures over a bare WebSocket, one per request.
+`python -m bench.pictures bare` sends the same pictures over a bare WebSocket, one per request;
+`python -m bench.pictures commands ENDPOINT` records when commands arrive on the bus.
+
+Robot, dashboard, link and the programs in their places run as on machines of their own. Otherwise
+the browser, which draws in software here, would delay commands with and without pictures.
 """
 
 from __future__ import annotations
@@ -9,16 +13,16 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import itertools
+import json
 import math
 import re
 import socket
 import sys
 import threading
 import time
-from collections.abc import Generator, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from http import HTTPStatus
-from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -29,7 +33,7 @@ from websockets.http11 import Request, Response
 
 from bench.page import opened
 from bench.peers import ready
-from bench.programs import dashboard, mock, program, python, tool, until
+from bench.programs import counter, dashboard, mock, program, python, realtime, tool, until
 from bench.table import Row, Run, percentile
 from tsd_twin.bus import Bus, as_client, client_config
 from tsd_twin.camera.lens import Lens
@@ -40,9 +44,6 @@ from tsd_twin.messages import topics
 from tsd_twin.messages.commands import decode_command
 from tsd_twin.messages.pictures import CameraName
 from tsd_twin.messages.topics import Sample
-
-Arrivals: TypeAlias = list[tuple[float, float]]
-"""Wall-clock times in ms and numbers of commands; a release is newer than all before it."""
 
 SIZE = 1280, 720
 RATE_HZ = 30.0
@@ -66,30 +67,58 @@ _HELD_S, _PAUSE_S = 2.0, 0.5
 _PATIENCE_MS = 60_000.0
 
 WATCH = f"""
-window.ages = [];
-window.samples = [];
+window.frames = 0;
+window.pictures = [];
 window.commands = [];
-window.stampMs = 0;
 window.reads = true;
 const wall = () => performance.timeOrigin + performance.now();
-const draw = CanvasRenderingContext2D.prototype.drawImage;
-CanvasRenderingContext2D.prototype.drawImage = function (...drawn) {{
-  draw.apply(this, drawn);
-  const {{ width, height }} = this.canvas;
-  if (!window.reads || !(drawn[0] instanceof ImageBitmap) || width < 200) return;
-  const px = width * {_BLOCK_PX / SIZE[0]};
-  const {{ data }} = this.getImageData(0, 0, width, Math.ceil(2 * px));
+const pen = new OffscreenCanvas(1, 1).getContext("2d", {{ willReadFrequently: true }});
+/** Return the stamp in the upper edge of a picture, whose pixels are `step` bytes apart. */
+function stampMs(data, step, stride, px) {{
   let ms = 0;
   for (let bit = 0; bit < {_BITS}; bit += 1) {{
     const x = Math.floor((bit % {_COLUMNS} + 0.5) * px);
     const y = Math.floor((Math.floor(bit / {_COLUMNS}) + 0.5) * px);
-    ms = 2 * ms + (data[4 * (y * width + x)] > 127 ? 1 : 0);
+    ms = 2 * ms + (data[y * stride + step * x] > 127 ? 1 : 0);
   }}
-  window.stampMs = ms + Math.floor(wall() / 2 ** {_BITS}) * 2 ** {_BITS};
-  window.widthPx = width;
-  requestAnimationFrame(() => window.ages.push(wall() - window.stampMs));
+  return ms + Math.floor(wall() / 2 ** {_BITS}) * 2 ** {_BITS};
+}}
+async function ofFrame(frame, px) {{
+  const rect = {{ x: 0, y: 0, width: frame.displayWidth, height: 2 * Math.ceil(px) }};
+  const data = new Uint8Array(frame.allocationSize({{ rect }}));
+  const [{{ offset, stride }}] = await frame.copyTo(data, {{ rect }});
+  frame.close();
+  return stampMs(data.subarray(offset), 1, stride, px);
+}}
+function ofBitmap(bitmap, px) {{
+  const [width, height] = [bitmap.width, 2 * Math.ceil(px)];
+  Object.assign(pen.canvas, {{ width, height }});
+  pen.drawImage(bitmap, 0, 0);
+  return stampMs(pen.getImageData(0, 0, width, height).data, 4, 4 * width, px);
+}}
+const stamps = new WeakMap();
+const create = window.createImageBitmap;
+window.createImageBitmap = async (from) => {{
+  const frame = from instanceof window.VideoFrame ? from.clone() : null;
+  const bitmap = await create(from);
+  const px = bitmap.width * {_BLOCK_PX / SIZE[0]};
+  if (reads) stamps.set(bitmap, frame ? ofFrame(frame, px) : ofBitmap(bitmap, px));
+  else frame?.close();
+  return bitmap;
 }};
-setInterval(() => window.stampMs && window.samples.push(wall() - window.stampMs), 20);
+let next = null;
+const show = ImageBitmapRenderingContext.prototype.transferFromImageBitmap;
+ImageBitmapRenderingContext.prototype.transferFromImageBitmap = function (bitmap) {{
+  if (next === null)
+    requestAnimationFrame(async () => {{
+      const [shown, shownMs] = [next, wall()];
+      next = null;
+      window.frames += 1;
+      if (reads) pictures.push([shownMs, await shown.stamp, shown.width]);
+    }});
+  next = {{ stamp: stamps.get(bitmap), width: bitmap.width }};
+  show.call(this, bitmap);
+}};
 const Plain = WebSocket;
 window.WebSocket = class extends Plain {{
   constructor(...words) {{
@@ -106,7 +135,11 @@ window.WebSocket = class extends Plain {{
   }}
 }};
 """
-"""Records the age of each picture in the frame after it; numbers commands by their turn rate."""
+"""Counts frames that show a new picture, and records the time of each and the stamp in ms, and the
+width in pixels. Numbers commands by their turn rate.
+
+A stamp is read before the GPU's process has the picture: reading from there holds the scene up.
+"""
 BARE = """() => {
   const canvas = document.body.appendChild(document.createElement("canvas"));
   const socket = new WebSocket(location.href.replace("http", "ws"));
@@ -115,9 +148,7 @@ BARE = """() => {
   socket.onmessage = async ({ data }) => {
     const bitmap = await createImageBitmap(new Blob([data], { type: "image/jpeg" }));
     socket.send("");
-    Object.assign(canvas, { width: bitmap.width, height: bitmap.height });
-    canvas.getContext("2d").drawImage(bitmap, 0, 0);
-    bitmap.close();
+    canvas.getContext("bitmaprenderer").transferFromImageBitmap(bitmap);
   };
 }"""
 
@@ -126,17 +157,19 @@ def rows(run: Run) -> Iterator[Row]:
     """Measure the pane and a bare WebSocket in turn, then the pane over a thin and lossy link."""
     seconds = run.pick(6.0, 1.5)
     with ExitStack() as stack:
-        endpoint = stack.enter_context(mock())
+        with realtime():
+            endpoint = stack.enter_context(mock())
+            url = stack.enter_context(dashboard(endpoint))
+            bare = stack.enter_context(program(python("bench.pictures", "bare")))
+            arrivals = counter(python("bench.pictures", "commands", endpoint))
+            stack.enter_context(arrivals)
         stack.enter_context(program(python("bench.pictures", "camera", endpoint)))
-        url = stack.enter_context(dashboard(endpoint))
-        bare = stack.enter_context(program(python("bench.pictures", "bare")))
         page = opened(stack)
         page.add_init_script(WATCH)
 
         def ages(address: str, *, is_bare: bool) -> tuple[float, float]:
-            shown(page, address, run.pick(0.4 * _SETTLED_S, 3.0), seconds, is_bare=is_bare)
-            found: list[float] = page.evaluate("ages")
-            return percentile(found, 0.5), percentile(found, 0.99)
+            found = shown(page, address, run.pick(0.4 * _SETTLED_S, 3.0), seconds, is_bare=is_bare)
+            return percentile(found.ages_ms, 0.5), percentile(found.ages_ms, 0.99)
 
         yield from run.alternate(
             ["pictures.age_p50", "pictures.age_p99"],
@@ -145,39 +178,37 @@ def rows(run: Run) -> Iterator[Row]:
             rounds=3,
         )
         seconds = run.pick(20.0, 1.5)
-        arrived = stack.enter_context(_arrivals(endpoint))
         if run.wants("pictures.command"):
-            yield from _commands(run, page, url, arrived, "pictures.command", _MORE_MS, seconds)
+            yield from _commands(run, page, url, arrivals, "pictures.command", _MORE_MS, seconds)
         if run.wants("pictures.thin_rate", "pictures.thin_old", "pictures.thin_command"):
-            yield from _thin(run, stack, page, endpoint, arrived)
+            yield from _thin(run, stack, page, endpoint, arrivals)
 
 
 def _thin(
-    run: Run, stack: ExitStack, page: Page, endpoint: str, arrived: Arrivals
+    run: Run, stack: ExitStack, page: Page, endpoint: str, arrivals: counter
 ) -> Iterator[Row]:
     """Measure over a link between browser and dashboard, which the scene shares."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         near = f"127.0.0.1:{free.getsockname()[1]}"
-    url = stack.enter_context(
-        dashboard(endpoint, "--allow-host", near, "--viewport-origin", "http://127.0.0.1:1")
-    )
-    target = url.replace("http://", "tcp/").rstrip("/")
-    stack.enter_context(
-        tool("tsd_link", "--link", THIN, "--target", target, "--listen", f"tcp/{near}")
-    )
+    with realtime():
+        url = stack.enter_context(
+            dashboard(endpoint, "--allow-host", near, "--viewport-origin", "http://127.0.0.1:1")
+        )
+        target = url.replace("http://", "tcp/").rstrip("/")
+        stack.enter_context(
+            tool("tsd_link", "--link", THIN, "--target", target, "--listen", f"tcp/{near}")
+        )
     far = f"http://{near}/"
     seconds = run.pick(60.0, 2.0)
-    found: dict[str, float] = {}
+    widths_px: list[float] = []
 
     def with_pictures() -> tuple[float, float]:
-        shown(page, far, run.pick(_SETTLED_S, 3.0), seconds, is_main=True)
-        samples: list[float] = page.evaluate("samples")
-        found["px"] = page.evaluate("widthPx")
-        old = sum(each > OLD_MS for each in samples) / len(samples)
-        return page.evaluate("ages.length") / seconds, 100.0 * old
+        found = shown(page, far, run.pick(_SETTLED_S, 3.0), seconds, is_main=True)
+        widths_px.append(found.width_px)
+        return found.frames / seconds, 100.0 * found.older_than(OLD_MS)
 
     def note() -> str:
-        return f"{found['px']:.0f} px wide, {THIN}" if found else THIN
+        return f"{min(widths_px, default=0):.0f} px wide, {THIN}"
 
     page.goto(far)
     page.evaluate("localStorage.setItem('tsd-pictures', 'true')")
@@ -190,14 +221,14 @@ def _thin(
     )
     name = "pictures.thin_command"
     if run.wants(name):
-        yield from _commands(run, page, far, arrived, name, _MORE_THIN_MS, seconds, is_main=True)
+        yield from _commands(run, page, far, arrivals, name, _MORE_THIN_MS, seconds, is_main=True)
 
 
 def _commands(
     run: Run,
     page: Page,
     url: str,
-    arrived: Arrivals,
+    arrivals: counter,
     name: str,
     more_ms: float,
     seconds: float,
@@ -210,6 +241,10 @@ def _commands(
     page.evaluate("reads = false")  # Reading stamps blocks the page's thread.
     settled_s = run.pick(_SETTLED_S, 1.0)
 
+    def drive() -> None:
+        _drive(page, seconds)
+        page.wait_for_timeout(1e3 * _HELD_S)  # Commands may still be in transit.
+
     def command_ms(*, pictures: bool) -> float:
         pane = page.get_by_role("region", name="Camera", exact=True)
         if pictures != pane.is_visible():
@@ -219,11 +254,9 @@ def _commands(
         if pictures and is_main:
             page.get_by_role("button", name="Camera as main view").click(timeout=_PATIENCE_MS)
         _drive(page, settled_s)
-        arrived.clear()
         page.evaluate("commands.length = 0")
-        _drive(page, seconds)
-        page.wait_for_timeout(1e3 * _HELD_S)  # Commands may still be in transit.
-        times_ms, numbers = np.array(arrived).T
+        found = arrivals.during(drive)
+        times_ms, numbers = np.array(found["times_ms"]), np.array(found["numbers"])
         sent: list[tuple[int, float]] = page.evaluate("commands")
         sent_hz[pictures].append(len(sent) / (_HELD_S * _holds(seconds)))
         delays = [
@@ -269,19 +302,25 @@ def _step(ready: Locator, steps: Locator) -> bool:
     return ready.is_visible() and not steps.all()
 
 
-@contextmanager
-def _arrivals(endpoint: str) -> Generator[Arrivals]:
-    """Record the wall-clock time in ms and the number of each command on the bus."""
-    arrived: Arrivals = []
+class Shown:
+    """Pictures that a page has shown."""
 
-    def note(sample: Sample) -> None:
-        turn_rate = decode_command(sample).twist[-1]
-        number = round(turn_rate / _STEP_RADPS) if turn_rate else math.inf
-        arrived.append((1e3 * time.time(), number))
+    def __init__(self, frames: int, pictures: Sequence[tuple[float, float, float]]) -> None:
+        """`pictures` has the time of a frame and the stamp, in ms, and the width in pixels."""
+        self.frames = frames
+        self._shown_ms, self._stamps_ms, widths_px = np.array(pictures).T
+        self.width_px = float(widths_px[-1])
 
-    with Bus(as_client(client_config([endpoint]), _CONNECT_S)) as bus:
-        bus.subscribe(topics.TWIST.key("*"), note)
-        yield arrived
+    @property
+    def ages_ms(self) -> list[float]:
+        """Ages of all pictures when they are shown."""
+        return (self._shown_ms - self._stamps_ms).tolist()
+
+    def older_than(self, limit_ms: float) -> float:
+        """Return the fraction of the time in which the shown picture is older."""
+        until_ms = self._shown_ms[1:]
+        old_ms = np.minimum(until_ms - self._stamps_ms[:-1] - limit_ms, np.diff(self._shown_ms))
+        return float(np.maximum(old_ms, 0.0).sum() / np.diff(self._shown_ms).sum())
 
 
 def shown(
@@ -292,17 +331,18 @@ def shown(
     *,
     is_bare: bool = False,
     is_main: bool = False,
-) -> None:
-    """Open the page, or the bare one, and record the displayed pictures for `seconds`."""
+) -> Shown:
+    """Open the page, or the bare one, and return the pictures that it shows in `seconds`."""
     page.goto(url)
     if is_bare:
         page.evaluate(BARE)
     if is_main:
         page.get_by_role("button", name="Camera as main view").click(timeout=_PATIENCE_MS)
-    until(lambda: page.evaluate("window.stampMs > 0"), 60.0)
+    until(lambda: page.evaluate("pictures.length > 0"), 60.0)
     page.wait_for_timeout(1e3 * settled_s)
-    page.evaluate("ages.length = samples.length = 0")
+    page.evaluate("pictures.splice(0, pictures.length - 1); frames = 0")
     page.wait_for_timeout(1e3 * seconds)
+    return Shown(*page.evaluate("[frames, pictures]"))
 
 
 class StampedPictures:
@@ -379,5 +419,28 @@ def bare() -> None:
     asyncio.run(main())
 
 
+def commands(endpoint: str) -> None:
+    """Record when commands arrive on the bus, and their numbers; a release has the highest.
+
+    Records from one line of the standard input to the next, and prints JSON.
+    """
+    times_ms: list[float] = []
+    numbers: list[float] = []
+
+    def note(sample: Sample) -> None:
+        turn_rate = decode_command(sample).twist[-1]
+        times_ms.append(1e3 * time.time())
+        numbers.append(round(turn_rate / _STEP_RADPS) if turn_rate else math.inf)
+
+    with Bus(as_client(client_config([endpoint]), _CONNECT_S)) as bus:
+        bus.subscribe(topics.TWIST.key("*"), note)
+        print(f"ready: {endpoint}", flush=True)
+        while sys.stdin.readline():
+            times_ms.clear()
+            numbers.clear()
+            sys.stdin.readline()
+            print(json.dumps({"times_ms": times_ms, "numbers": numbers}), flush=True)
+
+
 if __name__ == "__main__":
-    camera(sys.argv[2]) if sys.argv[1] == "camera" else bare()
+    {"camera": camera, "bare": bare, "commands": commands}[sys.argv[1]](*sys.argv[2:])

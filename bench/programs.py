@@ -7,7 +7,9 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, suppress
+from typing import Any
 
 import psutil
 
@@ -54,7 +56,7 @@ class program:  # noqa: N801  It is used as a function.
 class counter(program):  # noqa: N801  It is used as a function.
     """Process that counts from one line of its standard input to the next, and prints JSON."""
 
-    def during(self, act: Callable[[], object]) -> dict[str, float]:
+    def during(self, act: Callable[[], object]) -> dict[str, Any]:
         """Return the counts while `act` runs."""
         self._continue()
         act()
@@ -91,6 +93,18 @@ class terminated(program):  # noqa: N801  It is used as a function.
     def __exit__(self, *error: object) -> None:
         self.process.terminate()
         super().__exit__(*error)
+
+
+@contextmanager
+def realtime() -> Generator[None]:
+    """Start programs as on machines of their own: in real time, where that is permitted."""
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    with suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, *before)
 
 
 def python(name: str, *arguments: str) -> list[str]:

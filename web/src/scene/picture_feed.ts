@@ -19,8 +19,6 @@ const ADD_AFTER_MS = 2000;
 const MANY_SKIPPED = 0.2; // Fraction of pictures that no free socket could take.
 const HEADER_BYTES = 28;
 const RETRY_MS = 1000;
-/** A canvas of the GPU process would block the page for 0.1 s while viser draws there in software. */
-const IN_MEMORY: CanvasRenderingContext2DSettings = { willReadFrequently: true };
 const DELAYS = 100;
 
 /** Tags that were found in a picture, in pixels of a picture of this size. */
@@ -37,6 +35,8 @@ export class PictureFeed {
   readonly outlines = signal<Outlines | null>(null);
   /** Width of the pane in pixels of the screen. */
   widthPx = 320;
+  /** Whether the scene is drawn without a graphics card, which converting H.264 would hold up. */
+  software = false;
   readonly #key = remembered("tsd-camera", "", isText);
   /** Cameras of the robot and above the floor. */
   readonly seen = computed(() => {
@@ -68,6 +68,8 @@ export class PictureFeed {
   #addedMs = 0;
   #delays: number[] = [];
   #sockets = new Set<WebSocket>();
+  /** Requests that wait for the next frame. */
+  #due: (() => void)[] = [];
   #h264 = false;
   #canvas: HTMLCanvasElement | null = null;
 
@@ -161,12 +163,23 @@ export class PictureFeed {
     };
   }
 
+  /** Ask for a picture per frame: more cost decoding, and are not seen. */
+  #askInFrame(socket: WebSocket, arrivedMs: number): void {
+    this.#due.push(() => this.#ask(socket, arrivedMs));
+    if (this.#due.length === 1) requestAnimationFrame(this.#askNext);
+  }
+
+  readonly #askNext = (): void => {
+    this.#due.shift()?.();
+    if (this.#due.length > 0) requestAnimationFrame(this.#askNext);
+  };
+
   #ask(socket: WebSocket, arrivedMs = performance.now()): void {
     const request: PictureRequest = {
       width: Math.round(this.widthPx),
       rtt_ms: Math.min(this.link.pageMs ?? 0, ...this.link.trips),
       held_ms: performance.now() - arrivedMs,
-      h264: this.#h264,
+      h264: this.#h264 && !this.software,
     };
     if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(request));
   }
@@ -182,14 +195,14 @@ export class PictureFeed {
     this.#add(key, number);
     const bitmap = await decoder.decode(coding, number, new Uint8Array(data, start));
     this.#h264 &&= bitmap !== null || coding === JPEG || !this.#sockets.has(socket);
-    this.#ask(socket, arrivedMs);
+    this.#askInFrame(socket, arrivedMs);
     if (bitmap === null) return;
     const canvas = this.#canvas; // Without one the picture is not shown, so its age does not count.
     if (number < this.#number || !this.#sockets.has(socket) || !canvas) return bitmap.close();
     if (canvas.width !== bitmap.width || canvas.height !== bitmap.height)
       Object.assign(canvas, { width: bitmap.width, height: bitmap.height });
-    canvas.getContext("2d", IN_MEMORY)?.drawImage(bitmap, 0, 0);
-    bitmap.close();
+    // Drawing would wait for the GPU's process, where viser may draw in software for 0.4 s.
+    canvas.getContext("bitmaprenderer")?.transferFromImageBitmap(bitmap);
     this.#exposedMs = sentMs + clockMs - ageMs;
     this.outlines.value = parsed(data.slice(HEADER_BYTES, start));
   }
@@ -200,7 +213,8 @@ export class PictureFeed {
     if (this.#number > 0 && number > this.#number) this.#skipped += number - this.#number - 1;
     this.#number = Math.max(this.#number, number);
     if (performance.now() - this.#addedMs < ADD_AFTER_MS) return;
-    const isStalled = this.#skipped > MANY_SKIPPED * (this.#got + this.#skipped);
+    const isStalled =
+      this.#due.length === 0 && this.#skipped > MANY_SKIPPED * (this.#got + this.#skipped);
     if (isStalled && this.#sockets.size < MAX_SOCKETS) this.#connect(key);
     this.#addedMs = performance.now();
     this.#got = this.#skipped = 0;

@@ -83,6 +83,8 @@ function Picture({ isCovered }: { isCovered: boolean }) {
   }, [session]);
   const rests = isCovered || hidden.value;
   useEffect(() => viewport?.pause(rests), [viewport, rests]);
+  const software = viewport?.software.value ?? false;
+  useEffect(() => void (session.pictures.software = software), [session, software]);
   const fresh = freshness(session.link);
   const isOld = viewport?.ready.value && !isCurrent(fresh) && fresh.kind !== "starting";
   return (

@@ -3,20 +3,27 @@
 import { effect, signal, untracked } from "@preact/signals";
 import type { PageMessage, Reason } from "../generated/wire";
 import type { Link } from "./link";
-import { roundTripMs } from "./quality";
+import { jitterMs, roundTripMs } from "./quality";
 
 const ANSWER_MS = 2000;
-const FAR_MS = 120; // Above this round trip, commands often exceed the default age limit.
+const BETWEEN_STATES_MS = 100; // A state is lost now and then, and the next one follows after 50 ms.
+const LONGEST_S = 10;
 
 export type Request = Extract<
   PageMessage,
   { t: "lease" | "arm" | "disarm" | "reset" | "wheel_speed" }
 >;
 
-/** Terms of control over a slow link: commands may be older, so the robot limits its speed. */
+/**
+ * Terms of control over the present link. Where commands have to be accepted at a greater age than the
+ * robot's default, the robot limits its speed. A lost segment is repeated after a further round trip or
+ * more, which the jitter shows.
+ */
 export function controlTerms(link: Link): { max_age_s: number | null } {
-  const tripMs = roundTripMs(link) ?? 0;
-  return { max_age_s: tripMs > FAR_MS ? Math.min(10, (2 * tripMs + 100) / 1000) : null };
+  const tripMs = roundTripMs(link);
+  if (tripMs === null) return { max_age_s: null };
+  const latestMs = tripMs + Math.max(tripMs, jitterMs(link) ?? 0) + BETWEEN_STATES_MS;
+  return { max_age_s: Math.min(LONGEST_S, latestMs / 1000) };
 }
 
 export class Requests {

@@ -22,6 +22,7 @@ const PASSING = new Set(["connecting", "not_connected", "robot_silent"]);
 /** Reasons that the deck shows, or that arrive as an event. */
 const TOLD_ELSEWHERE = new Set([
   ...["stop_pressed", "stop_requested", "control_is_lost", "coming_to_rest", "reset_first"],
+  "stopped_by_itself",
 ]);
 const STANDING = new Set(["stopped", "stopping", "fault"]);
 const BY_OPERATOR = new Set(["armed_by_operator", "disarmed_by_operator", "reset_by_operator"]);

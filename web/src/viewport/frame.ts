@@ -37,6 +37,8 @@ export function viewportAddress(base: string, viewport: string): URL {
 export class Viewport {
   /** Whether the frame's script runs. */
   readonly loaded = signal(false);
+  /** Whether the browser draws the scene without a graphics card. */
+  readonly software = signal(false);
   /** Whether the whole scene has been drawn. */
   readonly ready = signal(false);
   readonly #frame = document.createElement("iframe");
@@ -117,6 +119,7 @@ export class Viewport {
     if (message?.tsd !== 1) return;
     if (message.t === "loaded") {
       this.loaded.value = true;
+      this.software.value = message.software;
       clearTimeout(this.#unreached);
       this.pause(this.#paused);
       this.#area = message.software ? this.#hostArea : 0;

@@ -130,7 +130,7 @@ describe("a take-over", () => {
     expect(text()).toContain("bob drives and loses control.");
     root.querySelector("input")!.value = " it is on fire ";
     await act(() => root.querySelector("form")!.requestSubmit());
-    const request = { op: "acquire", take_over: true, reason: "it is on fire", max_age_s: null };
+    const request = { op: "acquire", take_over: true, reason: "it is on fire", max_age_s: 0.11 };
     expect(page.sent("lease")).toEqual([{ t: "lease", ...request }]);
     expect(root.querySelector("[role=dialog]")).toBeNull();
   });
@@ -141,11 +141,14 @@ describe("a take-over", () => {
     expect(root.querySelector("[role=dialog]")).toBeNull();
   });
 
-  test("over a slow link allows older commands", async () => {
-    await state({ lease: { holder: "bob" }, state: { rtt_ms: 300 } });
+  test.each([
+    ["slow", { rtt_ms: 300 }, 0.7],
+    ["uneven", { rtt_ms: 40, rtt_jitter_ms: 200 }, 0.34],
+  ])("over a %s link allows older commands", async (_, trip, max_age_s) => {
+    await state({ lease: { holder: "bob" }, state: trip });
     await press("Take over");
     await act(() => root.querySelector("form")!.requestSubmit());
-    expect(page.sent("lease")[0]).toMatchObject({ max_age_s: 0.7 });
+    expect(page.sent("lease")[0]).toMatchObject({ max_age_s });
     expect(page.sent("lease")[0]).not.toHaveProperty("reason");
   });
 });

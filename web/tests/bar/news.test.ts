@@ -82,6 +82,7 @@ describe("the end of a motion", () => {
     [{ code: "control_is_lost", cause: { code: "lease_ended" } }, null],
     [{ code: "reset_first", params: { mode: "stopped" } }, null],
     [{ code: "mode_only", params: { mode: "stopping" } }, null],
+    [{ code: "stopped_by_itself" }, null],
   ])("by the server, $code, is told unless another part of the page tells it", (why, text) => {
     key("keydown");
     page.say({ t: "released", why });

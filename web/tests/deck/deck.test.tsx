@@ -266,7 +266,7 @@ describe("the next step", () => {
     state({ mode: "disarmed", lease }, { has_control: false });
     find(".next")!.focus();
     use();
-    expect(take("lease")).toEqual([{ t: "lease", op: "acquire", max_age_s: null }]);
+    expect(take("lease")).toEqual([{ t: "lease", op: "acquire", max_age_s: 0.11 }]);
     expect([find(".next")?.getAttribute("aria-busy"), text(".slot [role=status]")]).toEqual([
       "true",
       "Waiting for the robot.",

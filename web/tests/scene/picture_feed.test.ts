@@ -19,6 +19,7 @@ beforeEach(() => {
   drawn = [];
   vi.stubGlobal("fetch", async () => Response.json(cameras));
   vi.stubGlobal("createImageBitmap", async () => ({ width: 4, height: 3, close() {} }));
+  vi.stubGlobal("requestAnimationFrame", (paint: () => void) => setTimeout(paint, 0));
 });
 
 /** A page that is shown the pictures, and a robot that says that it is ready. */
@@ -26,7 +27,7 @@ async function watched() {
   const page = openPage();
   const { pictures } = page.session;
   pictures.open.value = true;
-  const context = { drawImage: (bitmap: ImageBitmap) => drawn.push(bitmap) };
+  const context = { transferFromImageBitmap: (bitmap: ImageBitmap) => drawn.push(bitmap) };
   const hide = pictures.drawOn({ getContext: () => context } as unknown as HTMLCanvasElement);
   const settle = () => vi.advanceTimersByTimeAsync(0);
   await settle();
@@ -235,6 +236,30 @@ test("a page without a decoder does not ask for H.264", async () => {
   const { picture } = await watched();
   await picture(1);
   expect(new Set(asked(pictureSocket()))).toEqual(new Set([false]));
+});
+
+test("a page that draws in software asks for JPEG", async () => {
+  const { session, picture } = await watched();
+  const socket = pictureSocket();
+  asked(socket);
+  session.pictures.software = true;
+  await picture(1, 0, socket);
+  expect(asked(socket)).toEqual([false]);
+});
+
+test("a page asks for a picture per frame", async () => {
+  const { picture } = await watched();
+  const socket = pictureSocket();
+  socket.sent.splice(0);
+  const frames: (() => void)[] = [];
+  vi.stubGlobal("requestAnimationFrame", (paint: () => void) => frames.push(paint));
+  await picture(1);
+  await picture(2);
+  for (const sent of [0, 1, 2]) {
+    expect(socket.sent).toHaveLength(sent);
+    frames.shift()?.();
+  }
+  expect(frames).toHaveLength(0);
 });
 
 test("a picture by H.264 is drawn with its age, and its frame is closed", async () => {
