@@ -118,7 +118,7 @@ def test_the_header_names_the_robots_or_all(robots_in_header: str) -> None:
 
 def overlays_of(client: ViserClient, theme: Theme) -> dict[str, str]:
     """Return the shared overlays of a client in a theme, as text by their names."""
-    nodes = list(client.shared.items())  # Its thread goes on receiving.
+    nodes = list(client.shared.items())  # Its thread still receives.
     return {name: text_of([vars(node)]) for name, node in nodes if node_owner(name).theme is theme}
 
 

@@ -35,7 +35,7 @@ export class PictureFeed {
   readonly outlines = signal<Outlines | null>(null);
   /** Width of the pane in pixels of the screen. */
   widthPx = 320;
-  /** Whether the scene is drawn without a graphics card, which converting H.264 would hold up. */
+  /** Whether the scene is drawn without a graphics card; H.264 is slow to convert there. */
   software = false;
   readonly #key = remembered("tsd-camera", "", isText);
   /** Cameras of the robot and above the floor. */
@@ -163,7 +163,7 @@ export class PictureFeed {
     };
   }
 
-  /** Ask for a picture per frame: more cost decoding, and are not seen. */
+  /** Ask for at most one picture per frame; the page would decode more, but not show them. */
   #askInFrame(socket: WebSocket, arrivedMs: number): void {
     this.#due.push(() => this.#ask(socket, arrivedMs));
     if (this.#due.length === 1) requestAnimationFrame(this.#askNext);

@@ -6,7 +6,7 @@ import type { Link } from "./link";
 import { jitterMs, roundTripMs } from "./quality";
 
 const ANSWER_MS = 2000;
-const BETWEEN_STATES_MS = 100; // A state is lost now and then, and the next one follows after 50 ms.
+const BETWEEN_STATES_MS = 100; // Two periods of the states, as one may be lost.
 const LONGEST_S = 10;
 
 export type Request = Extract<
@@ -15,9 +15,8 @@ export type Request = Extract<
 >;
 
 /**
- * Terms of control over the present link. Where commands have to be accepted at a greater age than the
- * robot's default, the robot limits its speed. A lost segment is repeated after a further round trip or
- * more, which the jitter shows.
+ * Terms of control over the present link. A lost segment is repeated after another round trip or more,
+ * which shows as jitter. If commands may be older than the robot's default, it limits its speed.
  */
 export function controlTerms(link: Link): { max_age_s: number | null } {
   const tripMs = roundTripMs(link);
